@@ -11,7 +11,8 @@ preview answers before the converged one is there and has a fraction of M alone.
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
 same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
 through (``python -m tests.validation.test_preview_model``; tests/validation/RESULTS.md says on how
-few sensors they rest).
+few sensors they rest). These sensors had photon noise of 1 to 5 % of a color, so the floors hold
+noise up to `NOISE_LIMIT`; what is above it widens by `NOISE_SHARE` of M.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from collections.abc import Callable
 import numpy as np
 
 from render.arrays import Array
+from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene
 from surrogate.training.evaluation import random_colors
 
@@ -37,6 +39,9 @@ FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.01, 0.025, 0.035
 pads with a diffuser, and of pads that bend, whose light both previews lose alike."""
 DIFFERENCE_SHARE = 0.2
 """Half-width of the converged preview over D where they differ."""
+NOISE_SHARE = 1.0
+"""Half-width of the converged preview over M per photon noise of its colors; other seeds moved 90 %
+of the scores of a bent pad by 0.3 to 0.6 of it (tests/validation/RESULTS.md)."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
@@ -47,14 +52,18 @@ def drawn_half_width(scene: Scene, mean: float) -> float:
     return (WINDOW_FRACTION if scene.window_refracts else DRAWN_FRACTION) * mean
 
 
-def converged_half_width(scene: Scene, mean: float, difference: float) -> float:
+def converged_half_width(
+    scene: Scene, mean: float, difference: float, photon_noise: float
+) -> float:
     """Return the half-width of scores of the converged preview of ``scene``, counts.
 
-    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`.
+    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`; ``photon_noise`` that
+    of its colors, which widens where it is above `NOISE_LIMIT`.
     """
     flat = FLAT_FLOOR if scene.diffuser is None else DIFFUSER_FLOOR
     floor = BENT_FLOOR if any(scene.bending.angles) else flat
-    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean)
+    excess = math.sqrt(max(photon_noise**2 - NOISE_LIMIT**2, 0.0))
+    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, NOISE_SHARE * excess * mean)
 
 
 def preview_difference(scene: Scene, drawn: Scores, converged: Scores) -> float:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -118,15 +118,16 @@ def preview_half_width(
         lambda phi, power: first.outputs(phi, power, bends)["score"],
         lambda phi, power: second.outputs(phi, power, bends)["score"],
     )
-    return converged_half_width(scene, mean, difference)
+    return converged_half_width(scene, mean, difference, converged.photon_noise or 0.0)
 
 
 def _first_answer(scene: Scene, drawn: PreviewGrid) -> PreviewGrid:
     """Return the drawn grid, with the light that a window guides."""
     if not scene.window_refracts:
         return drawn
-    # As drawn, up to a third of all light is missing.
-    return corrected(drawn, scene, transport_ahead(scene), AHEAD)
+    # As drawn, up to a third of all light is missing. How bright lamps are is known well by few
+    # paths; colors are as drawn.
+    return replace(corrected(drawn, scene, transport_ahead(scene), AHEAD), photon_noise=None)
 
 
 class PreviewSession:

@@ -37,6 +37,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Find a better lighting design in seconds."""
+    from optimize.design import noise_words
     from optimize.exploration import explore
     from optimize.report import print_scores, warnings, write_exploration
     from optimize.robust import (
@@ -69,7 +70,8 @@ def run(
         for number, as_drawn in enumerate(answers):
             checker = open_model(scene, model, coarse=as_drawn)
             where = (
-                f"its {checker.level}" if checker.file is None
+                f"its {checker.level}{noise_words(checker.photon_noise)}"
+                if checker.file is None
                 else f"the surrogate in {checker.file.parent}"
             )  # fmt: skip
             note(f"Exploring {scene.name} on {where}")

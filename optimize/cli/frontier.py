@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -211,6 +212,17 @@ def _cells(row: FrontierRow) -> tuple[str, ...]:
     )
 
 
+def _photon_noise(rows: Sequence[FrontierRow]) -> list[str]:
+    """Return what levels say of the noise of their own photons."""
+    from optimize.design import noise_words
+
+    return [
+        f"{row.level}{noise_words(row.photon_noise)}"
+        for row in rows
+        if row.photon_noise is not None
+    ]
+
+
 def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
     reference = found.reference
     print_table(
@@ -220,6 +232,8 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
         [_cells(row) for row in (*found.rows, found.noise)],
         width=WIDTH,
     )
+    for said in _photon_noise(found.rows):
+        stream.write(f"{said.capitalize()}.\n")
     for level, reason in found.left_out.items():
         stream.write(f"No row of {level}: {reason}.\n")
     stream.write(
@@ -265,6 +279,8 @@ def _print_survey(stream: IO[str], found: Survey, folder: Path) -> None:
     for scene in found.scenes:
         if scene.failed:
             stream.write(f"{scene.scene} was not measured: {scene.failed}\n")
+        for said in _photon_noise(scene.rows):
+            stream.write(f"{scene.scene}: {said}.\n")
         for level, reason in scene.left_out.items():
             stream.write(f"{scene.scene} has no row of {level}: {reason}.\n")
     stream.write(f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n")

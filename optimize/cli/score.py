@@ -24,7 +24,13 @@ def run(
     """Rate a layout drawn by hand on the surrogate."""
     from optimize.design import dimmed_baseline, load_layout, save_design
     from optimize.exploration import rate, stage_to_json
-    from optimize.report import clipping_warning, doubted_gain, holder_warning, print_scores
+    from optimize.report import (
+        clipping_warning,
+        doubted_gain,
+        holder_warning,
+        noise_warning,
+        print_scores,
+    )
     from optimize.scoring import open_model
     from optimize.ui.output import check_file, writable
     from surrogate.runtime import RankingTest
@@ -38,6 +44,7 @@ def run(
         found = rate(checker, sensor, "design", "Design", "", design)
         ranking = RankingTest.of(checker.metadata)
         doubts = [] if ranking.reliable else [ranking.advice()]
+        doubts += noise_warning(found.photon_noise)
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:

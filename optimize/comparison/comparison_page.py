@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.comparison.comparison import DesignComparison
-from optimize.design import LEVEL_NAMES
+from optimize.design import level_name
 from optimize.report import (
     building_steps,
     camera_pictures,
@@ -62,7 +62,7 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
     context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
-        "level": LEVEL_NAMES[comparison.level],
+        "level": level_name(comparison.level, stages[0].photon_noise),
         "lam": f"{stages[0].settings.lam:.4g}",
         "confidence": f"{comparison.coverage:.0%}",
         "bends": bends,

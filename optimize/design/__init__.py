@@ -32,4 +32,6 @@ from optimize.design.rating import (
     Rating,
     ScoreSettings,
     design_digest,
+    level_name,
+    noise_words,
 )

@@ -28,11 +28,25 @@ LEVEL_NAMES: dict[str, str] = {
     "surrogate": "1, surrogate",
     "reference": "2, reference",
 }
-"""The levels as pages and reports name them."""
+"""The levels as pages and reports name them, see `level_name`."""
 CLIPPED = 0.01
 """A design with a larger fraction of saturated facets gets a warning."""
 PARTS = ("score", "mean", "spread_sites", "spread_bends")
 """S of eq. (4.7) and what it is made of."""
+
+
+def noise_words(photon_noise: float | None) -> str:
+    """Return what follows the name of a level whose photons leave noise; else nothing.
+
+    >>> noise_words(0.0123)
+    ', photon noise 1.2% of the color'
+    """
+    return "" if photon_noise is None else f", photon noise {photon_noise:.1%} of the color"
+
+
+def level_name(level: str, photon_noise: float | None = None) -> str:
+    """Return the name of a level as pages, reports and tables have it, with its photon noise."""
+    return LEVEL_NAMES[level] + noise_words(photon_noise)
 
 
 def design_digest(scene_hash: str, design: Design) -> str:

@@ -42,6 +42,7 @@ class Stage(RatedDesign):
         clipped: fraction of facets that saturate.
         domain_excess: 0 inside the model's range, positive outside.
         normal_error: mean error of recovered normals in degrees, see `optimize.reconstruction`.
+        photon_noise: of facet colors, relative, where the converged preview rated it.
     """
 
     key: str
@@ -52,6 +53,7 @@ class Stage(RatedDesign):
     clipped: float
     domain_excess: float
     normal_error: float
+    photon_noise: float | None = None
 
 
 class StudyResult(Protocol):
@@ -176,15 +178,20 @@ def rate(
         clipped=float(clipped_fraction(output["counts"])),
         domain_excess=float(output["domain_excess"]),
         normal_error=normal_error(scene, (output["counts"], output["background"])),
+        photon_noise=checker.photon_noise,
     )
 
 
 def stage_to_json(stage: Stage) -> dict[str, object]:
-    """Return score, parts and normal error of a design as programs are told them."""
+    """Return score, parts and normal error of a design as programs are told them.
+
+    ``photon_noise`` is null but on the converged preview.
+    """
     rating = stage.rating
     return {
         **{name: getattr(rating, name) for name in PARTS},
         "interval": list(rating.interval),
         "level": rating.level,
+        "photon_noise": stage.photon_noise,
         "normal_error_deg": stage.normal_error,
     }

@@ -144,6 +144,7 @@ class FrontierRow(ColorErrors):
         setup_seconds: spent once, before the first design.
         kendall_tau_interval: holds tau of 95 % of resampled sets of designs.
         interval: how often the level's own intervals hold; None where it states none.
+        photon_noise: of its colors, relative, as the converged preview says it.
     """
 
     facet_median_true: float
@@ -153,6 +154,7 @@ class FrontierRow(ColorErrors):
     setup_seconds: float
     kendall_tau_interval: tuple[float, float]
     interval: Interval | None
+    photon_noise: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,8 @@ def predictor_rows(
         return checker.run(phi, power, reference.designs.bends)["counts"].astype(np.float64)
 
     held, level, setup = reference.coverage(checker), predictor.level, predictor.seconds
-    rows = [timed_row(reference, level, counts, setup, interval=held)]
+    row = timed_row(reference, level, counts, setup, interval=held)
+    rows = [replace(row, photon_noise=checker.photon_noise)]
     if batches and level == SHIPPED:
         rows.append(timed_row(reference, f"{level}, batches of {BATCH}", counts, setup, BATCH))
     return rows

@@ -37,6 +37,7 @@ from optimize.report.page import (
     data_uri,
     holder_warning,
     monochrome_warning,
+    noise_warning,
     render_page,
     sensor_figure,
     stage_pictures,

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-from optimize.design import LEVEL_NAMES, PARTS, Design, Rating, save_design
+from optimize.design import PARTS, Design, Rating, level_name, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.play import PlayPage, write_play
@@ -27,6 +27,7 @@ from optimize.report.page import (
     data_uri,
     holder_warning,
     monochrome_warning,
+    noise_warning,
     picture_kind,
     render_page,
     sensor_figure,
@@ -160,7 +161,7 @@ def _facts(exploration: Exploration, seconds: float) -> list[tuple[str, str]]:
     versions = package_versions("numpy", "onnxruntime", "cma", "moderngl")
     return [
         ("Scene", f"{scene.name}, {scene.hash}"),
-        ("Level", LEVEL_NAMES[exploration.checker.level]),
+        ("Level", level_name(exploration.checker.level, exploration.checker.photon_noise)),
         ("Seed", str(exploration.seed)),
         ("Time", f"{seconds:.1f} s"),
         ("Exposure, λ", f"{about.exposure:.6g}, {about.lam:.6g}"),
@@ -268,7 +269,7 @@ def print_scores(stream: IO[str], stages: Sequence[Stage], coverage: float) -> N
     print_table(
         stream,
         f"{stages[0].scene.name}, {stages[0].scene.hash}, level "
-        f"{LEVEL_NAMES[stages[0].rating.level]}",
+        f"{level_name(stages[0].rating.level, stages[0].photon_noise)}",
         list(columns.values()),
         [[row[key] for key in columns] for row in rows],
         below=LEGEND,
@@ -357,6 +358,7 @@ def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
             f"S rose, but normals are read worse, off by {last.normal_error:.2f}° instead of "
             f"{first.normal_error:.2f}°: the score misleads here (docs/score.md says by what)."
         )
+    texts += noise_warning(last.photon_noise)
     texts += holder_warning(last.scene, last.design)
     texts += monochrome_warning(last.design)
     if last.domain_excess > 0:

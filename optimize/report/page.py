@@ -13,6 +13,7 @@ import jinja2
 
 from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
+from render.preview.converged.color_noise import MAX_ROUNDS, NOISE_LIMIT
 from render.scene import Scene, shipped_scenes
 from render.sensor_drawing import sensor_svg
 
@@ -121,4 +122,15 @@ def clipping_warning(clipped: float) -> list[str]:
     return [
         f"{clipped:.1%} of the facets saturate the camera in this design; lower its "
         "exposure or the LED power."
+    ]
+
+
+def noise_warning(photon_noise: float | None) -> list[str]:
+    """Return that a preview's colors are noisier than its photons were meant to leave them."""
+    if photon_noise is None or photon_noise <= NOISE_LIMIT:
+        return []
+    return [
+        f"The converged preview's photons leave noise of {photon_noise:.1%} in its colors, more "
+        f"than {NOISE_LIMIT:.0%}, after {MAX_ROUNDS} times as many as usual: intervals are wider "
+        "for it; let renders decide (tactilux verify)."
     ]

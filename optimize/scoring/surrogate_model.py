@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design
+from optimize.design import Array, Design, noise_words
 from optimize.ui.console import ProgressBar, note
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
@@ -155,7 +155,8 @@ def open_model(
         if not coarse:
             note(
                 f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, "
-                f"the {checker.level} alone; tactilux train makes a model"
+                f"the {checker.level} alone{noise_words(checker.photon_noise)}; "
+                "tactilux train makes a model"
             )
         return checker
     checker = Checker.for_scene(folder, scene, threads=threads)

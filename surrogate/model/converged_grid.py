@@ -62,7 +62,8 @@ def corrected(
     )
     in_bend = at_nodes @ np.linalg.pinv(at_own)
     change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
-    return replace(grid, log_transport=grid.log_transport + change)
+    noise = float(np.max(found.noise))
+    return replace(grid, log_transport=grid.log_transport + change, photon_noise=noise)
 
 
 def likely_ratio(found: Array, expected: Array, grain: Array, error: float) -> Array:

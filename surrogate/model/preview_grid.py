@@ -41,6 +41,9 @@ class PreviewGrid:
         slopes: how the logarithm follows a free material, ``(term, fiber, ...)``, times the terms
             of ``free``.
         free: the range of the free material.
+        photon_noise: of facet colors, relative, where converged light corrected them: the largest
+            of its bends (`render.preview.converged.color_noise`), before the correction; None
+            where the shader's light is as drawn.
     """
 
     log_transport: Array
@@ -49,6 +52,7 @@ class PreviewGrid:
     floored: int
     slopes: Array | None = None
     free: MaterialRange | None = None
+    photon_noise: float | None = None
 
     def evaluate(self, phi: Array, bends: Array) -> Array:
         """Return the logarithm ``(fiber, phi, bend, site, normal)`` at ``phi`` and ``bends``."""

@@ -38,9 +38,12 @@ def scene_facts(scene: Scene, grid: PreviewGrid) -> dict[str, Any]:
 
 
 def grid_facts(grid: PreviewGrid) -> dict[str, Any]:
-    """Return the sizes of the grid, and how many of its cells are darker than its floor."""
-    return {
+    """Return the sizes of the grid, how many of its cells are darker than its floor, its noise."""
+    facts: dict[str, Any] = {
         "phi_nodes": len(grid.phi),
         "bend_nodes": len(grid.bends),
         "floored": grid.floored,
     }
+    if grid.photon_noise is not None:
+        facts["photon_noise"] = grid.photon_noise
+    return facts

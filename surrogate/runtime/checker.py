@@ -103,6 +103,17 @@ class Checker:
         return "converged preview" if kind == CONVERGED else "surrogate"
 
     @property
+    def photon_noise(self) -> float | None:
+        """Photon noise of facet colors, relative, one standard deviation; None but of level 0.
+
+        The converged preview alone has it; renders that a model was trained on stand for
+        themselves.
+        """
+        if self.level != CONVERGED:
+            return None
+        return float(self.metadata.preview["photon_noise"])
+
+    @property
     def exposure(self) -> float:
         """Counts per 1/(mm^2 sr)."""
         return self.metadata.exposure

@@ -83,7 +83,8 @@ class ModelMetadata:
             ``checked`` gives the coverage found on cells that had no part in them.
         held_out: errors per level, on held-out designs.
         preview: its kind, nodes of the table and its interpolation error; ``ranks`` is the tau
-            that its kind was found to have on other sensors.
+            that its kind was found to have on other sensors, ``photon_noise`` the relative noise of
+            the colors of a converged one.
         renderer: settings, sample counts and seconds of the reference.
         training_data_hash: SHA-256 of the reference table.
         git_revision, versions: the sources and packages that made the model.

@@ -231,9 +231,10 @@ def test_converged_light_corrects_each_albedo_by_its_own() -> None:
         drawn = np.exp(grid.evaluate(NODES, FLAT))
         cells = drawn * rng.uniform(0.7, 1.4, drawn.shape)
         grain = 1e-3 * drawn.mean() * rng.uniform(0.5, 2.0, drawn.shape[:3])
-        found.append(ConvergedTransport(cells, grain))
-    parts = (np.stack(each, axis=-1) for each in zip(*found, strict=True))
-    whole = corrected(draw_grid(scene, 3, 1), scene, ConvergedTransport(*parts))
+        found.append(ConvergedTransport(cells, grain, np.zeros(1)))
+    cells, grain = (np.stack(each, axis=-1) for each in list(zip(*found, strict=True))[:2])
+    together = ConvergedTransport(cells, grain, np.zeros(1))
+    whole = corrected(draw_grid(scene, 3, 1), scene, together)
     alone = [
         corrected(grid, one, own).log_transport
         for grid, one, own in zip(grids, scene.one_albedo_scenes, found, strict=True)

@@ -142,7 +142,7 @@ def test_what_was_drawn_is_kept_and_a_damaged_file_is_drawn_again(
 
 
 def found(cells: np.ndarray, grain: float) -> ConvergedTransport:
-    return ConvergedTransport(cells, np.full(cells.shape[:3], grain))
+    return ConvergedTransport(cells, np.full(cells.shape[:3], grain), np.zeros(cells.shape[2]))
 
 
 def shader_grid(bends: list[float]) -> PreviewGrid:
@@ -261,6 +261,8 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
     checker = preview_checker(scene)
     assert checker.level == "converged preview"
+    assert checker.photon_noise == whole.noise.max() > 0.0
+    assert preview_checker(scene, coarse=True).photon_noise is None
     # As wide as the two previews are apart.
     drawn, phi = preview_checker(scene, coarse=True), np.full((1, scene.lamp_count), np.pi / 2)
     power, bends = baseline_power(scene)[None], np.array(scene.bending.angles)
@@ -272,5 +274,5 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
         return lambda phi, power: model.run(phi, power, bends)["score"].astype(np.float64)
 
     difference = preview_difference(scene, scores(drawn), scores(checker))
-    expected = converged_half_width(scene, mean, difference)
+    expected = converged_half_width(scene, mean, difference, checker.photon_noise or 0.0)
     assert checker.score_half_width == pytest.approx(expected, rel=1e-3)

@@ -191,7 +191,8 @@ def measured(
         np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None], bends
     )["metric"]
     mean = float(design_score(metric).mean[0])
-    stated = converged_half_width(scene, mean, difference) / mean
+    noise = converged.photon_noise or 0.0
+    stated = converged_half_width(scene, mean, difference, noise) / mean
     return [
         _measured(scene, phi, truth, coarse, mean, coarse.score_half_width / mean),
         _measured(scene, phi, truth, converged, mean, stated),

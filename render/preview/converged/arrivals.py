@@ -22,6 +22,7 @@ from render.geometry import (
     fiber_poses,
 )
 from render.preview.converged.block import directions_to_block, patch_area, patch_counts, to_block
+from render.preview.converged.color_noise import Halved
 from render.preview.converged.gathering import FOOT_WIDTH
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, Receivers, trace_arrivals
@@ -110,7 +111,7 @@ def arrivals(
     photons: int,
     seed: int = 0,
     after_batch: Callable[[], None] = lambda: None,
-) -> Arrivals:
+) -> Halved[Arrivals]:
     """Return what a lamp of unit power sends to all receivers and patches.
 
     Arguments:
@@ -130,24 +131,29 @@ def arrivals(
     nodes = len(phi) if fiber_poses(scene, bend).turns[lamp] else 1
     patches, squares = np.zeros((columns * rows, nodes)), np.zeros(nodes)
     received = np.zeros((*receivers.center.shape[:2], nodes))
+    half, first_half = photons // 2, (patches, received)
     key = ARRIVAL_KEY + (seed << 20) + lamp
     for first in range(0, photons, PHOTONS_AT_A_TIME):
         numbers = range(first, min(first + PHOTONS_AT_A_TIME, photons))
         origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
         weights *= len(numbers) / photons
-        trace_arrivals(
-            block, pressed, receivers, to_block(scene, origin), directions_to_block(direction),
-            weights, key, first, patches, received, squares,
-        )  # fmt: skip
+        origin, direction = to_block(scene, origin), directions_to_block(direction)
+        cut = min(max(half - first, 0), len(numbers))
+        for rays in (slice(0, cut), slice(cut, len(numbers))):
+            trace_arrivals(
+                block, pressed, receivers, origin[rays], direction[rays], weights[rays], key,
+                first + rays.start, patches, received, squares,
+            )  # fmt: skip
+            if first + rays.stop == half:
+                first_half = patches.copy(), received.copy()
         after_batch()
-    patches /= np.pi * patch_area(scene)
     lit = received.sum(axis=(0, 1))
     grain = np.divide(squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi
-    received /= np.pi
-    return Arrivals(
-        patches,
-        received[:, :faces],
-        received[:, faces : 2 * faces],
-        received[:, 2 * faces],
-        grain,
-    )
+
+    def scaled(patches: Array, received: Array, grain: Array) -> Arrivals:
+        patches, received = patches / (np.pi * patch_area(scene)), received / np.pi
+        facets, feet = received[:, :faces], received[:, faces : 2 * faces]
+        return Arrivals(patches, facets, feet, received[:, 2 * faces], grain)
+
+    differences = (2.0 * first_half[0] - patches, 2.0 * first_half[1] - received)
+    return Halved(scaled(patches, received, grain), scaled(*differences, np.zeros(nodes)))

@@ -22,7 +22,7 @@ from render.preview.diffuser.cache import cache_folder
 from render.progress import Clock, OnProgress
 from render.scene import Scene
 
-VERSION = 3
+VERSION = 4
 """Part of the cache key: raise it when the paths change."""
 PHI_NODES = 13
 """Directions: log transport of `finger20` between them is off by less than 0.1 % (99 %)."""
@@ -30,7 +30,7 @@ NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
 EFFORT = Effort()
 """What is kept, and looked for."""
 AHEAD = np.array([np.pi / 2])
-AHEAD_EFFORT = Effort(paths=8192, arrivals=6_000_000)
+AHEAD_EFFORT = Effort(paths=8192, arrivals=6_000_000, rounds=1)
 """Direction and paths of `transport_ahead`."""
 
 
@@ -48,8 +48,8 @@ def converged_transport(
 ) -> ConvergedTransport:
     """Return transport at nodes and the scene's own bends, which are one more axis.
 
-    ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``; the same
-    bits for any number of threads.
+    ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``, ``noise``
+    ``(bend,)``; the same bits for any number of threads.
 
     Arguments:
         scene: the sensor.
@@ -66,14 +66,15 @@ def converged_transport(
         kept = read_or_drop(file, *ConvergedTransport._fields)
         if kept is not None:
             clock.skip(task_count(scene, effort))
-            parts.append(ConvergedTransport(kept["cells"], kept["grain"]))
+            parts.append(ConvergedTransport(**kept))
             continue
         parts.append(transport_at(scene, bend, phi, effort, clock))
         try:
             write_npz(file, parts[-1]._asdict())
         except OSError as error:
             warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
-    return ConvergedTransport(*(np.stack(each, axis=2) for each in zip(*parts, strict=True)))
+    cells, grain = (np.stack([part[i] for part in parts], axis=2) for i in (0, 1))
+    return ConvergedTransport(cells, grain, np.stack([part.noise for part in parts]))
 
 
 def transport_ahead(scene: Scene) -> ConvergedTransport:

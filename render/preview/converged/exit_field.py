@@ -17,6 +17,7 @@ from render.preview.converged.block import (
     term_count,
     to_block,
 )
+from render.preview.converged.color_noise import Halved
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, FaceGrid, trace_lamp
 from render.scene import Scene
@@ -28,8 +29,15 @@ PHOTON_KEY = 1 << 40
 
 
 def exit_field(
-    scene: Scene, bend: float, lamp: int, phi: Array, block: Block, grid: FaceGrid, photons: int
-) -> Array:
+    scene: Scene,
+    bend: float,
+    lamp: int,
+    phi: Array,
+    block: Block,
+    grid: FaceGrid,
+    photons: int,
+    seed: int = 0,
+) -> Halved[Array]:
     """Return what a lamp of unit power sends out of the inner faces, ``(cell, term, node)``.
 
     Arguments:
@@ -40,15 +48,21 @@ def exit_field(
         block: of the scene at this bend.
         grid: the cells of its inner faces.
         photons: how many share the power.
+        seed: of their random numbers.
 
     The terms are orthonormal (`orthonormal_terms`). Light that enters the block through the clear
     pad is not followed.
     """
-    key = PHOTON_KEY + lamp
+    key = PHOTON_KEY + (seed << 20) + lamp
     origin, direction, weights = launched(scene, bend, lamp, phi, range(photons // REPEATS), key)
     out = np.zeros((cell_count(grid), term_count(grid), weights.shape[1]))
+    origin, direction = to_block(scene, origin), directions_to_block(direction)
+    half = len(origin) // 2
+    trace_lamp(block, grid, origin[:half], direction[:half], weights[:half], REPEATS, key, 0, out)
+    first = out.copy()
     trace_lamp(
-        block, grid, to_block(scene, origin), directions_to_block(direction), weights,
-        REPEATS, key, out,
+        block, grid, origin[half:], direction[half:], weights[half:], REPEATS, key,
+        REPEATS * half, out,
     )  # fmt: skip
-    return np.asarray(orthonormal_terms(grid) @ out)
+    terms = orthonormal_terms(grid)
+    return Halved(np.asarray(terms @ out), np.asarray(terms @ (2.0 * first - out)))

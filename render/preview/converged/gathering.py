@@ -23,6 +23,7 @@ from render.preview.converged.block import (
     term_count,
     to_block,
 )
+from render.preview.converged.color_noise import Halved
 from render.preview.converged.spread_points import spread_points
 from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
 from render.scene import Scene
@@ -68,10 +69,16 @@ class Gathered(NamedTuple):
 
 
 def facet_points(
-    scene: Scene, bend: float, site: int, facet: int, count: int, sights: Array = NO_SIGHTS
+    scene: Scene,
+    bend: float,
+    site: int,
+    facet: int,
+    count: int,
+    sights: Array = NO_SIGHTS,
+    seed: int = 0,
 ) -> Starts:
     """Return points spread over a facet of a site, seen along ``sights`` ``(sight, 3)`` in turn."""
-    key = FACET_KEY + int(site) * scene.indenter.faces + facet
+    key = FACET_KEY + (seed << 20) + int(site) * scene.indenter.faces + facet
     drawn = spread_points(range(count), 7, key)
     shape = facets(scene, bend)
     place = drawn[:, 5:]
@@ -84,14 +91,20 @@ def facet_points(
 
 
 def site_points(
-    scene: Scene, bend: float, site: int, facet: int | None, count: int, sights: Array = NO_SIGHTS
+    scene: Scene,
+    bend: float,
+    site: int,
+    facet: int | None,
+    count: int,
+    sights: Array = NO_SIGHTS,
+    seed: int = 0,
 ) -> Starts:
     """Return points spread over the background spot of a site, or before the foot of a facet.
 
     They are seen along ``sights`` ``(sight, 3)`` in turn.
     """
     faces = scene.indenter.faces
-    key = SITE_KEY + int(site) * (faces + 1) + (faces if facet is None else facet)
+    key = SITE_KEY + (seed << 20) + int(site) * (faces + 1) + (faces if facet is None else facet)
     drawn = spread_points(range(count), 7, key)
     if facet is None:
         azimuth = 2 * np.pi * drawn[:, 5]
@@ -114,10 +127,10 @@ def _in_turn(sights: Array, count: int) -> Array:
     return directions_to_block(sights[np.arange(count) % len(sights)])
 
 
-def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
+def patch_points(scene: Scene, block: Block, patch: int, count: int, seed: int = 0) -> Starts:
     """Return points spread over a patch of the coating, pressed or not."""
     columns, rows = patch_counts(scene)
-    key = PATCH_KEY + patch
+    key = PATCH_KEY + (seed << 20) + patch
     drawn = spread_points(range(count), 7, key)
     x = scene.pad.width * ((patch % columns + drawn[:, 5]) / columns - 0.5)
     y = scene.pad.length * ((patch // columns + drawn[:, 6]) / rows - 0.5)
@@ -137,19 +150,34 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int) -> Starts:
     return Starts(points, normals, NO_SIGHTS, weights / max(weights.sum(), 1.0), drawn, key)
 
 
-def gathered(starts: Starts, block: Block, grid: FaceGrid | None, patches: int) -> Gathered:
-    """Return what ``starts`` get of the exit field, if there is one, and of so many patches."""
-    if grid is None:
-        terms, ends = np.zeros((0, 0, 1)), np.zeros(patches)
+def gathered(
+    starts: Starts,
+    block: Block,
+    grid: FaceGrid | None,
+    patches: int,
+    orthonormal: Array | None = None,
+) -> Halved[Gathered]:
+    """Return what ``starts`` get of the exit field, if there is one, and of so many patches.
+
+    ``orthonormal`` are the `orthonormal_terms` of ``grid``, made where they are not given.
+    """
+    ends, half = np.zeros(patches), len(starts.points) // 2
+    out = np.zeros((0, 0, 1) if grid is None else (cell_count(grid), term_count(grid), 1))
+
+    def follow(paths: slice) -> None:
         gather(
-            block, NO_GRID, starts.points, starts.normals, starts.sights, starts.weights,
-            starts.drawn, starts.key, terms, ends,
+            block, grid or NO_GRID, starts.points[paths], starts.normals[paths],
+            starts.sights[paths], starts.weights[paths], starts.drawn[paths], starts.key,
+            paths.start, out, ends,
         )  # fmt: skip
-        return Gathered(terms.ravel(), ends)
-    out = np.zeros((cell_count(grid), term_count(grid), 1))
-    ends = np.zeros(patches)
-    gather(
-        block, grid, starts.points, starts.normals, starts.sights, starts.weights, starts.drawn,
-        starts.key, out, ends,
-    )  # fmt: skip
-    return Gathered((orthonormal_terms(grid) @ out).ravel(), ends)
+
+    follow(slice(0, half))
+    first_out, first_ends = out.copy(), ends.copy()
+    follow(slice(half, len(starts.points)))
+    terms = [out, 2.0 * first_out - out]
+    if grid is not None:
+        orthonormal = orthonormal_terms(grid) if orthonormal is None else orthonormal
+        terms = [orthonormal @ each for each in terms]
+    return Halved(
+        Gathered(terms[0].ravel(), ends), Gathered(terms[1].ravel(), 2.0 * first_ends - ends)
+    )

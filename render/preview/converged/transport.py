@@ -33,9 +33,18 @@ from render.preview.converged.block import (
     bent_block,
     cell_count,
     face_grid,
+    orthonormal_terms,
     patch_counts,
     term_count,
     wide_from,
+)
+from render.preview.converged.color_noise import (
+    MAX_ROUNDS,
+    NOISE_LIMIT,
+    Halved,
+    color_noise,
+    halved_product,
+    halved_sum,
 )
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.gathering import (
@@ -68,12 +77,14 @@ WALKING = 3.0
 class Effort:
     """Light paths: ``photons`` of a lamp for its exit field, ``paths`` from a facet.
 
-    ``arrivals`` are photons for all light that is too narrow for it, of all lamps at all bends.
+    ``arrivals`` are photons for all light that is too narrow for it, of all lamps at all bends;
+    where colors are noisy they are followed ``rounds`` times at most.
     """
 
     photons: int = 200_000
     paths: int = 32_768
     arrivals: int = 40_000_000
+    rounds: int = MAX_ROUNDS
 
 
 def spreads(scene: Scene) -> NDArray[np.bool_]:
@@ -87,15 +98,18 @@ def flies(scene: Scene) -> NDArray[np.bool_]:
 
 
 def task_count(scene: Scene, effort: Effort) -> int:
-    """Return the ticks of the clock that `transport_at` takes for one bend.
+    """Return the ticks of the clock that `transport_at` takes for one bend, but for more photons.
 
     One for every facet and spot; for lamps as many as their light takes so many times longer.
     """
-    lamps = int(spreads(scene).sum()) * _field_ticks(effort)
-    batches = -(-_flown(scene, effort) // PHOTONS_AT_A_TIME)
-    lamps += int(flies(scene).sum()) * batches * _batch_ticks(scene, effort)
+    lamps = int(spreads(scene).sum()) * _field_ticks(effort) + _arrival_ticks(scene, effort)
     ticks = lamps + len(counted_sites(scene)) * (scene.indenter.faces + 1)
     return ticks * (1 if scene.coating.lobe is None else len(scene.albedos))
+
+
+def _arrival_ticks(scene: Scene, effort: Effort) -> int:
+    batches = -(-_flown(scene, effort) // PHOTONS_AT_A_TIME)
+    return int(flies(scene).sum()) * batches * _batch_ticks(scene, effort)
 
 
 def _field_ticks(effort: Effort) -> int:
@@ -127,25 +141,32 @@ class ConvergedTransport(NamedTuple):
         cells: ``(lamp, node, site, facet + 1)``, the last of the untouched pad.
         grain: ``(lamp, node)``: the variance of a cell is about the grain times it; 0 for lamps
             all of whose light has an exit field, whose noise is about 1 % everywhere.
+        noise: of colors, relative (`color_noise`), ``()``; the largest of those of the albedos.
 
-    Both have one more axis ``channel`` where the skin's albedo depends on it.
+    The first two have one more axis ``channel`` where the skin's albedo depends on it.
     """
 
     cells: Array
     grain: Array
+    noise: Array
 
 
 def transport_at(
-    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock
+    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int = 0
 ) -> ConvergedTransport:
     """Return transport at one bend, the same for any number of threads.
+
+    While its color noise is above `NOISE_LIMIT`, the photons that fly to the facets are followed
+    again with other random numbers, up to `Effort.rounds` times in all, and the mean is taken.
 
     Arguments:
         scene: the sensor.
         bend: rad in [0, pi].
         phi: ``(node,)`` rad.
         effort: how many paths.
-        clock: is ticked, `task_count` times in all.
+        clock: is ticked, `task_count` times in all; photons that are followed again are added to
+            its total.
+        seed: of all random numbers.
 
     Raises:
         SceneError: the skin is not flat.
@@ -158,131 +179,219 @@ def transport_at(
         )
     if scene.by_channel and scene.coating.lobe is not None:
         # How much of the light is in the lobe differs, so each channel has light paths of its own.
-        parts = [transport_at(one, bend, phi, effort, clock) for one in scene.one_albedo_scenes]
+        parts = [
+            transport_at(one, bend, phi, effort, clock, seed) for one in scene.one_albedo_scenes
+        ]
         return _by_channel(scene, parts)
     if not scene.window_refracts:
         scene = with_bonded_window(scene)
     sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
+    paths = _Paths(scene, bend, phi, effort, clock, seed, sights)
+    blurs, channels = facet_blurs(scene, bend), len(scene.palette.channels)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        light = _light(scene, bend, phi, effort, clock, pool, sights)
-        pressed = _Gathering(scene, bend, True, light, effort, clock, pool, sights)
-        untouched = _Gathering(scene, bend, False, light, effort, clock, pool, sights)
-        irradiance = pressed.facets(), pressed.feet(), untouched.sites()
-    parts = [
-        _seen(light, len(phi), blur, *lit)
-        for blur, *lit in zip(facet_blurs(scene, bend), *irradiance, strict=True)
-    ]
+        spread = _exit_fields(paths, pool)
+        followed = [_arrivals(paths, pool, effort.rounds * seed)]
+        pressed = _Gathering(paths, pool, spread, pressed=True)
+        untouched = _Gathering(paths, pool, spread, pressed=False)
+        facets, feet, spots = pressed.facets(), pressed.feet(), untouched.sites()
+        while True:
+            arrived = _mean(followed)
+            sent = pressed.sent(arrived), untouched.sent(arrived)
+            lit = (
+                _irradiance(facets, _field_of(arrived, "facets"), sent[0]),
+                _irradiance(feet, _field_of(arrived, "feet"), sent[0]),
+                _irradiance(spots, _field_of(arrived, "spots"), sent[1]),
+            )
+            parts = [
+                _seen(paths.columns, len(phi), blur, arrived.whole.grain, channels, *each)
+                for blur, *each in zip(blurs, *lit, strict=True)
+            ]
+            noise = max(float(part.noise) for part in parts)
+            if noise <= NOISE_LIMIT or len(followed) >= effort.rounds or not flies(scene).any():
+                break
+            clock.total += _arrival_ticks(scene, effort)
+            followed.append(_arrivals(paths, pool, effort.rounds * seed + len(followed)))
     return parts[0] if len(parts) == 1 else _by_channel(scene, parts)
 
 
 def _by_channel(scene: Scene, parts: list[ConvergedTransport]) -> ConvergedTransport:
     """Return transport with an axis of channels, of that of each albedo."""
-    return ConvergedTransport(
-        *(
-            np.stack([each[albedo] for albedo in scene.albedo_of_channel], axis=-1)
-            for each in zip(*parts, strict=True)
-        )
+    cells, grain = (
+        np.stack([each[albedo] for albedo in scene.albedo_of_channel], axis=-1)
+        for each in ([part.cells for part in parts], [part.grain for part in parts])
     )
+    return ConvergedTransport(cells, grain, np.max([part.noise for part in parts], axis=0))
 
 
 def _seen(
-    light: _Light, nodes: int, blur: Array, facet: Array, foot: Array, site: Array
-) -> ConvergedTransport:
+    columns: list[slice], nodes: int, blur: Array, grain: Array, channels: int,
+    facet: Halved[Array], foot: Halved[Array], site: Halved[Array],
+) -> ConvergedTransport:  # fmt: skip
     """Return what the camera sees of the irradiance on facets, their feet and sites."""
     mixed, around = blur[:, :-1, :-1], blur[:, :-1, -1, None]
-    cells = np.einsum("sij,sjr->sir", mixed, facet) + around * foot
-    background = blur[:, -1, -1:, None] * site[:, None]
-    cells = np.concatenate([cells, background], axis=1)
-    out = np.empty((len(light.columns), nodes, *cells.shape[:2]))
-    grain = np.zeros(out.shape[:2])
+
+    def cells_of(facet: Array, foot: Array, site: Array) -> Array:
+        cells = np.einsum("sij,sjr->sir", mixed, facet) + around * foot
+        background = blur[:, -1, -1:, None] * site[:, None]
+        cells = np.concatenate([cells, background], axis=1)
+        out = np.empty((len(columns), nodes, *cells.shape[:2]))
+        for lamp, own in enumerate(columns):
+            out[lamp] = np.moveaxis(cells[..., own], -1, 0)
+        return out
+
+    cells = Halved(*(cells_of(*each) for each in zip(facet, foot, site, strict=True)))
     passed = np.pi * float(np.median(blur[:, :-1].sum(axis=-1)))
-    for lamp, columns in enumerate(light.columns):
-        out[lamp] = np.moveaxis(cells[..., columns], -1, 0)
-        grain[lamp] = passed * light.arrived.grain[columns]
-    return ConvergedTransport(out, grain)
+    grains = np.zeros((len(columns), nodes))
+    for lamp, own in enumerate(columns):
+        grains[lamp] = passed * grain[own]
+    noise = color_noise(Halved(*(each[..., :-1] for each in cells)), channels)
+    return ConvergedTransport(cells.whole, grains, np.array(noise))
 
 
-class _Light(NamedTuple):
-    """What leaves the lamps; the last axis is the column.
+class _Paths:
+    """What all light paths of a pad at one bend share.
 
-    Arguments:
-        columns: of each lamp, one for every node, or one for all.
-        field: ``(cell * term, column)`` the exit field; no cells where no lamp has one.
-        arrived: what gets to coating and facets by itself.
-    """
-
-    columns: list[slice]
-    field: Array
-    arrived: Arrivals
-
-
-def _light(
-    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, pool: ThreadPoolExecutor,
-    sights: Array | None,
-) -> _Light:  # fmt: skip
-    block, grid = bent_block(scene, bend, pressed=False), face_grid(scene)
-    pressed, receivers = bent_block(scene, bend, pressed=True), receivers_at(scene, bend, sights)
-    spread, flying = spreads(scene), flies(scene)
-    nodes = np.where(flat_fiber_poses(scene).turns, len(phi), 1)
-    rows = cell_count(grid) * term_count(grid) if spread.any() else 0
-
-    def field_of(lamp: int) -> Array:
-        if not spread[lamp]:
-            return np.zeros((rows, nodes[lamp]))
-        field = exit_field(scene, bend, lamp, phi, block, grid, effort.photons)
-        clock.tick(_field_ticks(effort))
-        return field.reshape(rows, -1)
-
-    def arrivals_of(lamp: int) -> Arrivals:
-        if not flying[lamp]:
-            return no_arrivals(scene, nodes[lamp])
-        return arrivals(
-            scene, bend, lamp, phi, block, pressed, receivers, _flown(scene, effort),
-            after_batch=lambda: clock.tick(_batch_ticks(scene, effort)),
-        )  # fmt: skip
-
-    lamps, ends = range(scene.lamp_count), np.cumsum(nodes)
-    fields, arrived = list(pool.map(field_of, lamps)), list(pool.map(arrivals_of, lamps))
-    return _Light(
-        [slice(int(end - count), int(end)) for end, count in zip(ends, nodes, strict=True)],
-        np.concatenate(fields, axis=1),
-        Arrivals(*(np.concatenate(parts, axis=-1) for parts in zip(*arrived, strict=True))),
-    )
-
-
-class _Gathering:
-    """What points of one pad, pressed or untouched, get of ``light``.
-
-    Irradiance in 1/mm^2 per unit power, ``(..., column)``, for each albedo of the coating: what
-    comes straight and how much points get of each other is followed once.
+    ``columns`` are those of each lamp in what is made of its light, one for every node, or one for
+    all.
     """
 
     def __init__(
-        self, scene: Scene, bend: float, pressed: bool, light: _Light, effort: Effort,
-        clock: Clock, pool: ThreadPoolExecutor, sights: Array | None,
+        self, scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int,
+        sights: Array | None,
     ) -> None:  # fmt: skip
-        self._scene, self._bend, self._effort, self._clock = scene, bend, effort, clock
-        self._pool, self._light, self._sights = pool, light, sights
-        self._block: Block = bent_block(scene, bend, pressed)
-        self._grid: FaceGrid | None = face_grid(scene) if len(light.field) else None
-        columns, rows = patch_counts(scene)
-        self._patches = columns * rows
-        few = max(effort.paths // MINOR, 1)
-        direct, ends = self._products(
-            range(self._patches), lambda i: patch_points(scene, self._block, i, few)
-        )
-        self._sent = [
-            np.linalg.solve(
-                np.eye(self._patches) - albedo * ends, albedo * (direct + light.arrived.patches)
-            )
-            for albedo in scene.albedos
+        self.scene, self.bend, self.phi, self.effort = scene, bend, phi, effort
+        self.clock, self.seed, self.sights = clock, seed, sights
+        self.untouched = bent_block(scene, bend, pressed=False)
+        self.pressed = bent_block(scene, bend, pressed=True)
+        self.grid: FaceGrid = face_grid(scene)
+        self.nodes = np.where(flat_fiber_poses(scene).turns, len(phi), 1)
+        ends = np.cumsum(self.nodes)
+        self.columns = [
+            slice(int(end - count), int(end)) for end, count in zip(ends, self.nodes, strict=True)
         ]
 
-    def facets(self) -> list[Array]:
-        """Return ``(site, facet, column)``."""
+
+def _exit_fields(paths: _Paths, pool: ThreadPoolExecutor) -> Halved[Array]:
+    """Return the exit field ``(cell * term, column)``; no cells where no lamp has one."""
+    scene, grid, spread = paths.scene, paths.grid, spreads(paths.scene)
+    rows = cell_count(grid) * term_count(grid) if spread.any() else 0
+
+    def field_of(lamp: int) -> Halved[Array]:
+        if not spread[lamp]:
+            return Halved(*(np.zeros((rows, paths.nodes[lamp])) for _ in Halved._fields))
+        found = exit_field(
+            scene, paths.bend, lamp, paths.phi, paths.untouched, grid, paths.effort.photons,
+            paths.seed,
+        )  # fmt: skip
+        paths.clock.tick(_field_ticks(paths.effort))
+        return Halved(*(each.reshape(rows, -1) for each in found))
+
+    fields = list(pool.map(field_of, range(scene.lamp_count)))
+    return Halved(*(np.concatenate(each, axis=1) for each in zip(*fields, strict=True)))
+
+
+def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arrivals]:
+    """Return what gets to coating and facets by itself; the last axis is the column."""
+    scene, flying = paths.scene, flies(paths.scene)
+    receivers = receivers_at(scene, paths.bend, paths.sights)
+
+    def arrivals_of(lamp: int) -> Halved[Arrivals]:
+        if not flying[lamp]:
+            return Halved(*(no_arrivals(scene, paths.nodes[lamp]) for _ in Halved._fields))
+        return arrivals(
+            scene, paths.bend, lamp, paths.phi, paths.untouched, paths.pressed, receivers,
+            _flown(scene, paths.effort), seed,
+            after_batch=lambda: paths.clock.tick(_batch_ticks(scene, paths.effort)),
+        )  # fmt: skip
+
+    lamps = list(pool.map(arrivals_of, range(scene.lamp_count)))
+    return Halved(
+        *(
+            Arrivals(*(np.concatenate(parts, axis=-1) for parts in zip(*each, strict=True)))
+            for each in zip(*lamps, strict=True)
+        )
+    )
+
+
+def _mean(followed: list[Halved[Arrivals]]) -> Halved[Arrivals]:
+    """Return the mean of photons that were followed with several seeds; a photon is worth less."""
+    if len(followed) == 1:
+        return followed[0]
+    whole, difference = (
+        Arrivals(*(np.mean(parts, axis=0) for parts in zip(*each, strict=True)))
+        for each in zip(*followed, strict=True)
+    )
+    return Halved(whole._replace(grain=whole.grain / len(followed)), difference)
+
+
+def _field_of(arrived: Halved[Arrivals], name: str) -> Halved[Array]:
+    return Halved(getattr(arrived.whole, name), getattr(arrived.difference, name))
+
+
+class _Products(NamedTuple):
+    """Mean radiance from the layer ``(item, column)``, and parts of it from patches."""
+
+    direct: Halved[Array]
+    ends: Halved[Array]
+
+
+def _irradiance(
+    products: _Products, arrived: Halved[Array], sent: list[Halved[Array]]
+) -> list[Halved[Array]]:
+    """Return that of items in the shape of ``arrived``, ``(..., column)``, by albedo.
+
+    In 1/mm^2 per unit power; ``sent`` ``(patch, column)`` is what the patches send.
+    """
+    shape = arrived.whole.shape
+    flat = Halved(*(each.reshape(products.direct.whole.shape) for each in arrived))
+    direct = halved_sum(products.direct, flat)
+    lit = (halved_sum(direct, halved_product(products.ends, each)) for each in sent)
+    return [Halved(*((np.pi * each).reshape(shape) for each in one)) for one in lit]
+
+
+class _Gathering:
+    """What points of one pad, pressed or untouched, get of its lamps' exit field and each other.
+
+    What comes straight and how much points get of each other is followed once, whatever the albedo
+    of the coating and the light that arrives by itself.
+    """
+
+    def __init__(
+        self, paths: _Paths, pool: ThreadPoolExecutor, field: Halved[Array], *, pressed: bool
+    ) -> None:
+        self._paths, self._pool, self._field = paths, pool, field
+        scene, self._seed = paths.scene, paths.seed
+        self._scene, self._bend, self._effort = scene, paths.bend, paths.effort
+        self._block: Block = paths.pressed if pressed else paths.untouched
+        self._grid: FaceGrid | None = paths.grid if len(field.whole) else None
+        self._terms = None if self._grid is None else orthonormal_terms(self._grid)
+        columns, rows = patch_counts(scene)
+        self._patches = columns * rows
+        few = max(self._effort.paths // MINOR, 1)
+        self._of_patches = self._products(
+            range(self._patches), lambda i: patch_points(scene, self._block, i, few, self._seed)
+        )
+
+    def sent(self, arrived: Halved[Arrivals]) -> list[Halved[Array]]:
+        """Return what patches send of all light ``(patch, column)``, by albedo of the coating."""
+        direct, ends = self._of_patches
+        lit = halved_sum(direct, _field_of(arrived, "patches"))
+        sent = list[Halved[Array]]()
+        for albedo in self._scene.albedos:
+            system = np.eye(self._patches) - albedo * ends.whole
+            whole = np.linalg.solve(system, albedo * lit.whole)
+            changed = lit.difference + ends.difference @ whole
+            sent.append(
+                Halved(np.asarray(whole), np.asarray(np.linalg.solve(system, albedo * changed)))
+            )
+        return sent
+
+    def facets(self) -> _Products:
+        """Return that of facets ``(site * facet, column)``."""
         faces, paths = self._scene.indenter.faces, self._effort.paths
         sites = counted_sites(self._scene)
-        return self._irradiance(
+        return self._products(
+            range(len(sites) * faces),
             lambda i: facet_points(
                 self._scene,
                 self._bend,
@@ -290,16 +399,17 @@ class _Gathering:
                 i % faces,
                 paths,
                 self._onto(i // faces, i % faces),
+                self._seed,
             ),
-            self._light.arrived.facets,
             ticks=True,
         )
 
-    def feet(self) -> list[Array]:
-        """Return ``(site, facet, column)`` on the coating before the facets."""
+    def feet(self) -> _Products:
+        """Return that of the coating before the facets ``(site * facet, column)``."""
         faces, few = self._scene.indenter.faces, max(self._effort.paths // MINOR, 1)
         sites = counted_sites(self._scene)
-        return self._irradiance(
+        return self._products(
+            range(len(sites) * faces),
             lambda i: site_points(
                 self._scene,
                 self._bend,
@@ -307,14 +417,15 @@ class _Gathering:
                 i % faces,
                 few,
                 self._onto(i // faces, faces),
+                self._seed,
             ),
-            self._light.arrived.feet,
         )
 
-    def sites(self) -> list[Array]:
-        """Return ``(site, column)`` on the spots."""
+    def sites(self) -> _Products:
+        """Return that of the spots ``(site, column)``."""
         sites, paths = counted_sites(self._scene), self._effort.paths
-        return self._irradiance(
+        return self._products(
+            range(len(sites)),
             lambda i: site_points(
                 self._scene,
                 self._bend,
@@ -322,40 +433,36 @@ class _Gathering:
                 None,
                 paths,
                 self._onto(i, self._scene.indenter.faces + 1),
+                self._seed,
             ),
-            self._light.arrived.spots,
             ticks=True,
         )
 
     def _onto(self, index: int, part: int) -> Array:
         """Return lines of sight ``(sight, 3)`` onto a part of a site that counts, if any."""
-        return NO_SIGHTS if self._sights is None else self._sights[index, part]
-
-    def _irradiance(
-        self, starts: Callable[[int], Starts], arrived: Array, ticks: bool = False
-    ) -> list[Array]:
-        """Return that of items in the shape of ``arrived``, ``(..., column)``, by albedo."""
-        items = range(int(np.prod(arrived.shape[:-1])))
-        direct, ends = self._products(items, starts, ticks)
-        direct += arrived.reshape(direct.shape)
-        return [
-            np.asarray(np.pi * (direct + ends @ sent)).reshape(arrived.shape) for sent in self._sent
-        ]
+        sights = self._paths.sights
+        return NO_SIGHTS if sights is None else sights[index, part]
 
     def _products(
         self, items: range, starts: Callable[[int], Starts], ticks: bool = False
-    ) -> tuple[Array, Array]:
-        """Return mean radiance from the layer ``(item, column)``, and parts of it from patches."""
+    ) -> _Products:
+        """Return what ``items`` get of the exit field and of patches."""
 
-        def one(i: int) -> Gathered:
-            found = gathered(starts(i), self._block, self._grid, self._patches)
+        def one(i: int) -> Halved[Gathered]:
+            found = gathered(starts(i), self._block, self._grid, self._patches, self._terms)
             if ticks:
-                self._clock.tick()
+                self._paths.clock.tick()
             return found
 
-        direct, ends = [], []
+        direct, ends = list[Halved[Array]](), list[Halved[Array]]()
         for first in range(0, len(items), BATCH):
             found = list(self._pool.map(one, items[first : first + BATCH]))
-            direct.append(np.stack([each.terms for each in found]) @ self._light.field)
-            ends += [each.patches for each in found]
-        return np.concatenate(direct), np.stack(ends)
+            terms = Halved(
+                *(np.stack([one.terms for one in each]) for each in zip(*found, strict=True))
+            )
+            direct.append(halved_product(terms, self._field))
+            ends += [Halved(whole.patches, difference.patches) for whole, difference in found]
+        return _Products(
+            Halved(*(np.concatenate(each) for each in zip(*direct, strict=True))),
+            Halved(*(np.stack(each) for each in zip(*ends, strict=True))),
+        )

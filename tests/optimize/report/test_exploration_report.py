@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from optimize.exploration import Stage
+from optimize.exploration import Stage, stage_to_json
 from optimize.mounting import mount
 from optimize.report import print_scores, render_report, warnings, wiring_context
 from render.scene.scene_file import scene_from_text, scene_text
@@ -196,3 +196,32 @@ def test_a_surrogate_that_cannot_rank_designs_says_so_first_and_claims_nothing(
     assert "gain of" not in html
     assert "Kendall" in warnings(stages, NOISY)[0]
     assert html.index("train with at least 20 times the samples") < html.index("<table")
+
+
+def of_converged_preview(stages: list[Stage], noise: float) -> list[Stage]:
+    return [
+        replace(
+            stage,
+            rating=replace(stage.rating, level="converged preview"),
+            photon_noise=noise,
+        )
+        for stage in stages
+    ]
+
+
+def test_the_level_is_said_with_the_noise_of_its_photons(sample_stages: StageMaker) -> None:
+    table = io.StringIO()
+    stages = of_converged_preview(sample_stages(30, 40, 50), 0.0123)
+    print_scores(table, stages, 0.9)
+    assert "level 0, converged preview, photon noise 1.2% of the color" in table.getvalue()
+    assert stage_to_json(stages[0])["photon_noise"] == 0.0123
+    assert stage_to_json(sample_stages(30, 40, 50)[0])["photon_noise"] is None
+
+
+def test_colors_that_stay_noisy_are_a_warning(sample_stages: StageMaker) -> None:
+    stages = sample_stages(30, 90, 150)
+    quiet, noisy = (of_converged_preview(stages, noise) for noise in (0.029, 0.043))
+    assert warnings(quiet, RELIABLE) == warnings(stages, RELIABLE)
+    (said,) = (text for text in warnings(noisy, RELIABLE) if "photons" in text)
+    assert "4.3%" in said
+    assert "tactilux verify" in said

@@ -29,7 +29,8 @@ def drawn(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
 
 
 def followed(scene: Scene) -> tuple[np.ndarray, ...]:
-    return tuple(transport_at(scene, 0.0, PHI, QUICK, Clock(task_count(scene, QUICK), None)))
+    found = transport_at(scene, 0.0, PHI, QUICK, Clock(task_count(scene, QUICK), None))
+    return found.cells, found.grain
 
 
 def skin_light(scene: Scene) -> tuple[np.ndarray]:

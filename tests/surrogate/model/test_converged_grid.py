@@ -29,7 +29,7 @@ def cells_of(scene: Scene) -> tuple[int, ...]:
 def ratio(scene: Scene, drawn: np.ndarray, light: np.ndarray, grain: float) -> np.ndarray:
     """Return corrected transport over ``drawn``."""
     grid = PreviewGrid(np.log(drawn), NODES, np.zeros(1), 0)
-    found = ConvergedTransport(light, np.full(light.shape[:3], grain))
+    found = ConvergedTransport(light, np.full(light.shape[:3], grain), np.zeros(light.shape[2]))
     return np.asarray(np.exp(corrected(grid, scene, found).log_transport) / drawn)
 
 

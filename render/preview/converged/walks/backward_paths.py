@@ -59,7 +59,7 @@ def find_coating(
 @compiled
 def gather(
     block: Block, grid: FaceGrid, points: Array, normals: Array, sights: Array, weights: Array,
-    drawn: Array, key: int, out: Array, patches: Array,
+    drawn: Array, key: int, number: int, out: Array, patches: Array,
 ) -> None:  # fmt: skip
     """Follow light backwards from points of the coating ``(path, 3)`` to the layer and to itself.
 
@@ -68,6 +68,7 @@ def gather(
     are those of the coating and its lobe. Where a path enters the layer, the light that leaves
     there is added to ``out`` ``(cell, term, 1)``, which may have no cells; where it meets the
     coating, its weight to ``patches`` ``(patch,)``. There it ends, unless the lobe sends it on.
+    ``number`` is that of the first path.
     """
     state, powers, one = np.zeros(1, np.uint64), np.empty((2, grid.degree + 1)), np.empty(1)
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -75,7 +76,7 @@ def gather(
         weight = weights[path]
         if weight == 0.0:
             continue
-        begin_stream(state, key, path)
+        begin_stream(state, key, number + path)
         p[:] = points[path]
         d[:] = normals[path]
         if len(sights) == 0:

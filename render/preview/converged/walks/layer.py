@@ -157,11 +157,11 @@ def deposit(
 @compiled
 def trace_lamp(
     block: Block, grid: FaceGrid, origin: Array, direction: Array, weights: Array, repeats: int,
-    key: int, out: Array,
+    key: int, number: int, out: Array,
 ) -> None:  # fmt: skip
     """Follow rays of a lamp ``(ray, 3)`` until they leave the layer, and add them to ``out``.
 
-    Each is followed ``repeats`` times.
+    Each is followed ``repeats`` times; ``number`` is that of the first such walk.
 
     ``weights`` ``(ray, node)``; ``out`` ``(cell, term, node)``. Light that enters the clear pad is
     left out. Rays of a lamp in the layer begin there.
@@ -170,7 +170,7 @@ def trace_lamp(
     p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     scaled = np.empty(weights.shape[1])
     for ray in range(repeats * len(origin)):
-        begin_stream(state, key, ray)
+        begin_stream(state, key, number + ray)
         p[:] = origin[ray // repeats]
         d[:] = direction[ray // repeats]
         passed = 1.0

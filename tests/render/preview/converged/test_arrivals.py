@@ -32,7 +32,7 @@ def clear_pad(**pad: float) -> Scene:
 
 def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrivals:
     blocks = bent_block(scene, bend, pressed=False), bent_block(scene, bend, pressed=True)
-    return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons)
+    return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons).whole
 
 
 @pytest.mark.slow
@@ -126,7 +126,8 @@ def test_the_grain_is_the_variance_of_a_cell_over_the_cell() -> None:
     blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
     receivers, photons = receivers_at(scene, 0.0), 20_000
     runs = [
-        arrivals(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, seed=seed) for seed in range(24)
+        arrivals(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, seed=seed).whole
+        for seed in range(24)
     ]
     facets = np.array([run.facets[..., 0] for run in runs])
     variance = facets.var(axis=0, ddof=1).sum()

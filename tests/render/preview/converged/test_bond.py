@@ -23,7 +23,7 @@ CASE = "window lit at its edges rough 0.05"
 
 def arrived(scene: Scene, lamp: int, photons: int) -> Arrivals:
     blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
-    return arrivals(scene, 0.0, lamp, AHEAD, *blocks, receivers_at(scene, 0.0), photons)
+    return arrivals(scene, 0.0, lamp, AHEAD, *blocks, receivers_at(scene, 0.0), photons).whole
 
 
 def with_index(case: str, index: float) -> Scene:
@@ -55,7 +55,7 @@ def test_what_the_faces_below_send_back_of_diffuse_light_is_what_an_endless_slab
     columns, rows = patch_counts(scene)
     parts = np.stack(
         [
-            gathered(patch_points(scene, block, i, 2000), block, None, columns * rows).patches
+            gathered(patch_points(scene, block, i, 2000), block, None, columns * rows).whole.patches
             for i in range(columns * rows)
         ]
     )
