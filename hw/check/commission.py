@@ -139,9 +139,9 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     weight = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
     # The white balance of a channel is no fault of its fibers.
-    balanced = np.einsum(
-        "fsc,fc->fs", colors / channel_gains(expected, colors, prediction.own), weight
-    )
+    own, one_led = prediction.own, prediction.one_led
+    balance = channel_gains(expected, colors, own, one_led=one_led)
+    balanced = np.einsum("fsc,fc->fs", colors / balance, weight)
     overall = balanced.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     bad = lit & ~((overall > HEALTHY_RATIO[0]) & (overall < HEALTHY_RATIO[1]))
     if bad.any():
@@ -152,7 +152,7 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
             field="colors",
         )
     # But the record holds it where a fiber is alone in its channel: see `channel_gains`.
-    gain = channel_gains(expected, colors, prediction.own, recorded=True)
+    gain = channel_gains(expected, colors, own, recorded=True, one_led=one_led)
     seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     ratio = _ratio(seen, wanted, lit)
     if prediction.table.ndim == 4:

@@ -69,6 +69,11 @@ class PadPrediction:
         return shone_channels(self.power, self.response)
 
     @property
+    def one_led(self) -> NDArray[np.bool_]:
+        """Which fibers shine with one LED, ``(fiber,)``."""
+        return np.asarray(shining(self.power).sum(axis=1) == 1)
+
+    @property
     def cells(self) -> tuple[int, int]:
         """Numbers of fibers and sites."""
         return self.table.shape[0], self.table.shape[2]

@@ -134,7 +134,9 @@ def check_sweep(
     recorded = ratio is not None
     ratio = per_channel(np.ones((fibers, sites)) if ratio is None else ratio)
     rewired, unknown = rewired_ratio(prediction, ratio)
-    gain = channel_gains(prediction.alone * ratio, colors, prediction.own, recorded)
+    gain = channel_gains(
+        prediction.alone * ratio, colors, prediction.own, recorded, prediction.one_led
+    )
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
@@ -186,7 +188,7 @@ def measured_response(prediction: PadPrediction, colors: Array, *, recorded: boo
     sees another color as its own too: gains do not tell these apart.
     """
     response, power = prediction.response.copy(), prediction.power
-    gain = channel_gains(prediction.alone, colors, prediction.own, recorded)
+    gain = channel_gains(prediction.alone, colors, prediction.own, recorded, prediction.one_led)
     seen = (colors / gain).sum(axis=1) / prediction.tint
     expected = prediction.alone.sum(axis=1) / prediction.tint
     strongest, own = power.argmax(axis=1), own_channels(response)
@@ -232,13 +234,20 @@ def rewired_ratio(prediction: PadPrediction, ratio: Array) -> tuple[Array, Array
 
 
 def channel_gains(
-    expected: Array, colors: Array, own: NDArray[np.bool_], recorded: bool = False
+    expected: Array,
+    colors: Array,
+    own: NDArray[np.bool_],
+    recorded: bool = False,
+    one_led: NDArray[np.bool_] | None = None,
 ) -> Array:
     """Return captured over expected light per channel ``(channel,)``: medians over fibers.
 
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
     others. So does, where the healthy rig was ``recorded`` through the same camera, a channel of so
     few fibers that a dim one would pass for its gain: the median of all fibers.
+
+    Channels that see the same LED of fibers that have ``one_led`` ``(fiber,)`` are compared through
+    these: their powers, which drift, are in all of these channels alike.
 
     Both are ``(fiber, site, channel)``; only fibers whose ``own`` ``(fiber, channel)`` LED a
     channel sees count in it.
@@ -255,6 +264,17 @@ def channel_gains(
             gains[channel] = np.median(got[used, channel] / wanted[used, channel])
             if used.sum() < ENOUGH_FIBERS:
                 few.append(channel)
+    if one_led is not None:
+        for group in _groups(bright & one_led[:, None]):
+            rows = bright[:, group].any(axis=1) & one_led
+            if recorded and (bright[:, group] & one_led[:, None]).sum(axis=0).min() < ENOUGH_FIBERS:
+                few += [channel for channel in group if channel not in few]
+            else:
+                gains[group] = _compared_gains(
+                    got[np.ix_(rows, group)],
+                    wanted[np.ix_(rows, group)],
+                    bright[np.ix_(rows, group)],
+                )
     if recorded and few:
         gains[few] = np.median(got[bright] / wanted[bright])
     found = gains[np.isfinite(gains) & (gains > 0)]
@@ -265,6 +285,35 @@ def channel_gains(
         )
     # A channel of which most fibers are dead must not divide by nothing.
     return np.where(np.isfinite(gains) & (gains > 0.1 * found.max()), gains, found.mean())
+
+
+def _groups(seen: NDArray[np.bool_]) -> list[list[int]]:
+    """Return the channels that ``seen`` ``(fiber, channel)`` connects, by groups of several."""
+    count, lit = len(seen.T), seen.astype(np.int64)
+    # Of booleans, powers say what is reached in so many steps.
+    step: NDArray[np.bool_] = (lit.T @ lit > 0) | np.eye(count, dtype=np.bool_)
+    reached = np.linalg.matrix_power(step, count)
+    groups = {tuple(np.nonzero(row)[0].tolist()) for row in reached}
+    return sorted(list(group) for group in groups if len(group) > 1)
+
+
+MEDIAN_ROUNDS = 20
+"""Of Tukey's median polish (1977), which converges in a few."""
+
+
+def _compared_gains(got: Array, wanted: Array, seen: NDArray[np.bool_]) -> Array:
+    """Return gains ``(channel,)`` of light that is gain times power, of fibers unknown.
+
+    Light ``(fiber, channel)`` counts where a channel has ``seen`` it.
+    """
+    floor = 1e-3 * np.median(got[seen] / wanted[seen])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.where(seen, np.log(np.maximum(got / wanted, max(floor, 1e-12))), np.nan)
+    gains, powers = np.zeros(logs.shape[1]), np.zeros(len(logs))
+    for _ in range(MEDIAN_ROUNDS):
+        powers = np.nanmedian(logs - gains, axis=1)
+        gains = np.nanmedian(logs - powers[:, None], axis=0)
+    return np.asarray(np.exp(gains + np.median(powers)))
 
 
 @dataclass(frozen=True, eq=False)
