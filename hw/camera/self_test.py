@@ -70,8 +70,15 @@ def check_channels(rise: Array, palette: Palette = RGB) -> None:
     response = palette.matrix
     own = own_channels(response)
     most = np.where(own, rise, 0.0).max(axis=1, keepdims=True)
-    # A channel that is said to see a part of a color may see twice as much.
-    allowed = np.maximum(MAX_LEAK, 2 * response / response.max(axis=1, keepdims=True))
+    # A channel that is said to see a part of a color, at its gain, may see twice as much.
+    owned = np.where(own, response, 0.0).sum(axis=0)
+    gain = np.where(own, rise, 0.0).sum(axis=0) / np.where(owned > 0, owned, np.inf)
+    said = (
+        response
+        * gain
+        / np.maximum(np.where(own, response * gain, 0.0).max(axis=1), 1e-12)[:, None]
+    )
+    allowed = np.maximum(MAX_LEAK, 2 * said)
     excess = np.where(own, 0.0, np.maximum(rise, 0.0) - allowed * most)
     mixed = (excess > 0).any(axis=1)
     if mixed.any():
