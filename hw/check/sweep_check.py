@@ -101,6 +101,8 @@ ENOUGH_FIBERS = 3
 """Fibers in a channel from which on one that is faulty does not move their median."""
 LEAK_SPREAD = 0.1
 """Relative spread of what other channels see of LEDs of one color: their spectra differ."""
+RESPONSE_SPREAD = 0.15
+"""Relative spread of what channels see of LEDs of a color that no fiber of the design has alone."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
 _STEPS = np.gradient(TURNS)
@@ -141,7 +143,7 @@ def check_sweep(
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
     expected = prediction.alone * ratio
-    diagnoses = []
+    diagnoses, unmeasured = [], _unmeasured(prediction)
     turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
         power, response = prediction.power[fiber], prediction.response
@@ -164,6 +166,7 @@ def check_sweep(
                     tolerances.power,
                     other,
                     unknown[fiber],
+                    unmeasured,
                 ),
                 tolerances,
             )
@@ -211,6 +214,17 @@ def measured_response(prediction: PadPrediction, colors: Array, *, recorded: boo
             strength = found if 1 / MAX_MISMATCH < found < MAX_MISMATCH else 1.0
         response[color] = prediction.response[color, channel] * strength * np.maximum(median, 0.0)
     return response
+
+
+def _unmeasured(prediction: PadPrediction) -> NDArray[np.bool_]:
+    """Return the colors ``(color,)`` that are seen as the scene says, as no fiber has them alone.
+
+    Those with a channel to themselves are not among them: its gain makes up for that.
+    """
+    own, power = own_channels(prediction.response), prediction.power
+    shared = (own.sum(axis=1) > 1) | (own & (own.sum(axis=0) > 1)).any(axis=1)
+    alone = power > 0.95 * np.maximum(power.sum(axis=1, keepdims=True), 1e-9)
+    return np.asarray(shared & ~alone.any(axis=0))
 
 
 def per_channel(ratio: Array) -> Array:
@@ -322,7 +336,8 @@ class _Fiber:
 
     ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these, ``led_spread``
     by how much their powers differ. ``rewired`` ``(site, channel)`` is its light with LEDs of
-    other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others.
+    other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others;
+    colors that are ``unmeasured`` ``(color,)`` have one of their own.
     """
 
     index: int
@@ -335,6 +350,7 @@ class _Fiber:
     led_spread: float
     rewired: Array
     unknown: Array
+    unmeasured: NDArray[np.bool_]
 
     def fits(
         self, light: Array, power: Array, model: Array, unknown: Array | float = 0.0
@@ -343,7 +359,7 @@ class _Fiber:
 
         ``light`` is ``(n, site, channel)``, with one channel where all are alike. The model's
         relative error, ``(n,)``, goes with the light that is there, and so does what is ``unknown``
-        of each channel ``(channel,)``. Where a fiber shines with
+        of each channel ``(n, channel)``. Where a fiber shines with
         several LEDs, each has a power of its own, which differs by `led_spread`.
         """
         leds = shining(power).sum(axis=1)
@@ -391,11 +407,12 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
         FiberState.UNCLEAR: float(unclear.evidence(between(0.0, MAX_POWER))[0]),
     }
     if len(permuted):
+        unmeasured = np.any(shining(permuted) & fiber.unmeasured, axis=1)
         swapped = fiber.fits(
             np.repeat(fiber.rewired[None], len(permuted), 0),
             permuted,
             np.full(len(permuted), tolerances.model),
-            fiber.unknown,
+            np.hypot(fiber.unknown, RESPONSE_SPREAD * unmeasured[:, None]),
         )
         evidence[FiberState.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
     shares = {**FAULT_PRIOR, FiberState.UNCLEAR: 1 - sum(FAULT_PRIOR.values())}
