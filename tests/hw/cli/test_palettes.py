@@ -72,7 +72,7 @@ def test_calibration_recovers_the_response_and_the_powers(
     for row in said["truth"][-matrix(name).size :]:
         assert row["found"] == pytest.approx(row["true"], abs=0.01), row
     true = random_parameters(scene, 0).power
-    np.testing.assert_allclose(said["power"], true / true.mean(), rtol=0.03)
+    np.testing.assert_allclose(said["power"], true / true.mean(), rtol=0.05)
     assert len(said["gain"]) == len(said["channels"]) == len(scene.palette.channels)
     told = any("a photograph does not tell which LEDs" in caveat for caveat in said["caveats"])
     assert told == (name == INFRARED)
