@@ -16,7 +16,7 @@ MIN_RISE_COUNTS = 3.0
 """Mean counts by which a lit color must brighten the channel that sees most of it."""
 MIN_PREFERENCE = 2.0
 """How many times better another order must explain a design's colors than their own."""
-MIN_GAIN = 0.1
+MIN_MORE_LIKE = 0.1
 """By how much another order must explain the colors better, of 1 for every channel."""
 MIN_SINGULAR = 0.02
 """Colors of a design that differ by less than this part of their light are not told apart."""
@@ -73,12 +73,9 @@ def check_channels(rise: Array, palette: Palette = RGB) -> None:
     # A channel that is said to see a part of a color, at its gain, may see twice as much.
     owned = np.where(own, response, 0.0).sum(axis=0)
     gain = np.where(own, rise, 0.0).sum(axis=0) / np.where(owned > 0, owned, np.inf)
-    said = (
-        response
-        * gain
-        / np.maximum(np.where(own, response * gain, 0.0).max(axis=1), 1e-12)[:, None]
-    )
-    allowed = np.maximum(MAX_LEAK, 2 * said)
+    said = response * gain
+    brightest = np.where(own, said, 0.0).max(axis=1, keepdims=True)
+    allowed = np.maximum(MAX_LEAK, 2 * said / np.maximum(brightest, 1e-12))
     excess = np.where(own, 0.0, np.maximum(rise, 0.0) - allowed * most)
     mixed = (excess > 0).any(axis=1)
     if mixed.any():
@@ -102,7 +99,7 @@ def _check_order_of_rise(rise: Array, palette: Palette) -> None:
     # Where every color has a channel of its own, channels tell both.
     best, order = max([*by_channel, *([] if palette.exchangeable else by_led)],
                       key=lambda found: found[0], default=(0.0, ()))  # fmt: skip
-    if best <= straight + MIN_GAIN:
+    if best <= straight + MIN_MORE_LIKE:
         return
     if (best, order) in by_channel:
         # Channel c sees what is another's: where each one's light arrives.

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.camera.led_colors import own_channels
+from hw.check.camera_response import channel_gains, measured_response
 from hw.check.prediction import PadPrediction
-from hw.check.sweep_check import channel_gains, measured_response
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.files import read_npz, write_npz

@@ -70,11 +70,12 @@ def run(
     from hw.calibrated_powers import calibrated_powers
     from hw.camera.photo_set import PhotoSet
     from hw.camera.self_test import check_order
+    from hw.check.camera_response import measured_response
     from hw.check.commission import commission, load_record
     from hw.check.image_check import check_image
     from hw.check.prediction import SiteSpots, predict
     from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.sweep_check import check_sweep, measured_response
+    from hw.check.sweep_check import check_sweep
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
     from render.scene import load_scene

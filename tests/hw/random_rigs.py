@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hw.check.camera_response import measured_response
 from hw.check.commission import RigRecord, commission
 from hw.check.diagnosis import Diagnosis, FiberState
 from hw.check.image_check import check_image
@@ -28,7 +29,7 @@ from hw.check.rig_tolerances import (
     TURN_DRIFT,
     rig_tolerances,
 )
-from hw.check.sweep_check import check_sweep, measured_response
+from hw.check.sweep_check import check_sweep
 from render.arrays import Array
 from render.scene import load_scene
 

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.check.camera_response import measured_response
 from hw.check.commission import commission, load_record
 from hw.check.diagnosis import FiberState
 from hw.check.image_check import check_image
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import STARTS, rig_tolerances
-from hw.check.sweep_check import BY_BRIGHTNESS, check_sweep, measured_response, swapped_powers
+from hw.check.sweep_check import BY_BRIGHTNESS, check_sweep, swapped_powers
 from render.arrays import Array
 from render.scene import load_scene
 from tests.hw.palettes import RESPONSES, matrix
