@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from render.scene import RGB, Scene, load_scene, scene_text
@@ -51,3 +52,24 @@ def mono(folder: Path, more: str = "", *, small: bool = False) -> Scene:
     leds = COLOR.format("white", "[1.0]") + COLOR.format("infrared", "[0.4]")
     baseline, camera = ("white", "infrared", "white"), 'channels = ["gray"]'
     return scene_with(folder, leds + more, baseline, camera=camera, small=small)
+
+
+def with_palette(
+    folder: Path,
+    sensor: str,
+    leds: dict[str, list[float]],
+    baseline: str,
+    channels: tuple[str, ...] | None = None,
+) -> Path:
+    """Return the file, written to ``folder``, of a shipped ``sensor`` with other LEDs and channels.
+
+    ``leds`` are the colors with the response of each, ``baseline`` the lines of that part.
+    """
+    text = scene_text(sensor)
+    text = text[: text.index("[baseline]")] + f"[baseline]\n{baseline}\n\n"
+    text += "\n".join(COLOR.format(name, response) for name, response in leds.items())
+    if channels is not None:
+        text = text.replace("[camera]", f"[camera]\nchannels = {json.dumps(channels)}")
+    path = folder / "palette.toml"
+    path.write_text(text)
+    return path

@@ -33,7 +33,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.files import write_bytes, write_json, write_text
 from render.preview import cache_folder
-from render.scene import RGB, Scene, load_scene, standalone
+from render.scene import RGB, Palette, Scene, load_scene, standalone
 
 
 def calibrate_sets(
@@ -53,7 +53,7 @@ def calibrate_sets(
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
     There is one sweep for each of ``bends`` ``(bend,)`` rad; one of ``linearity_sets`` shows all
-    fibers together; ``color_sets`` are sweeps in red, green and blue alone, or none. ``design``
+    fibers together; ``color_sets`` are sweeps in each LED color alone, or none. ``design``
     None is the baseline, ``model`` None is looked for. ``noise`` is that of one pixel in counts;
     ``materials`` (None: as many as the polynomial needs) are rendered to correct the fit for all
     rigs of the same design, with ``samples`` light paths per fiber and cell (0: neither corrected
@@ -123,10 +123,11 @@ def told(
         "power": _numbers(found.power),
         "power_error": _numbers(found.power * power_error),
         "gain": _numbers(found.gain),
-        "response": None if response is None else told_response(response),
+        "channels": list(scene.palette.channels),
+        "response": None if response is None else told_response(response, scene.palette),
         "tilt": _numbers(np.degrees(found.tilt)),
         "vignetting": found.vignetting,
-        "caveats": list(found.space.caveats),
+        "caveats": [*found.space.caveats, *color_caveats(scene.palette)],
         "hardly_separable": [list(pair) for pair in found.errors.inseparable()],
         "residual": found.chi,
         "linearity": asdict(additivity),
@@ -134,13 +135,24 @@ def told(
     }
 
 
-def told_response(response: Response) -> dict[str, dict[str, Any]]:
+def color_caveats(palette: Palette) -> list[str]:
+    """Return what photographs cannot tell of so many LED colors, one sentence each."""
+    if len(palette.names) <= len(palette.channels):
+        return []
+    return [
+        f"{len(palette.names)} LED colors are seen by {len(palette.channels)} "
+        f"channel{'s' * (len(palette.channels) > 1)}: a photograph does not tell which LEDs of a "
+        "fiber give its light; the powers are those of its LEDs as they were lit together."
+    ]
+
+
+def told_response(response: Response, palette: Palette) -> dict[str, dict[str, Any]]:
     """Return what each channel sees of each LED color, with 95 % intervals, by color."""
     ends = response.interval(normal_factor())
     return {
         color: {"value": value, "interval": interval}
         for color, value, interval in zip(
-            RGB.names, response.matrix.tolist(), ends.tolist(), strict=True
+            palette.names, response.matrix.tolist(), ends.tolist(), strict=True
         )
     }
 
@@ -202,16 +214,19 @@ def calibrated_toml(
     if response is not None:
         # Colors are of schema 2.
         raw["schema"] = 2
+        inks = {color["name"]: {"ink": color["ink"]} for color in raw.get("colors", ())
+                if "ink" in color}  # fmt: skip
         raw["colors"] = [
             {
                 "name": color,
+                **inks.get(color, {}),
                 "response": {
                     "value": [float(f"{value:.4g}") for value in told["value"]],
                     "source": f"calibrated {date}, 95 % intervals "
                     + ", ".join(f"{low:.4g} to {high:.4g}" for low, high in told["interval"]),
                 },
             }
-            for color, told in told_response(response).items()
+            for color, told in told_response(response, scene.palette).items()
         ]
     if not raw["name"].endswith(SUFFIX):
         raw["name"] += SUFFIX
@@ -281,16 +296,26 @@ def render_report(
     figures = []
     for one, predicted in ((measurements[index], found.predicted[index]) for index in shown):
         title = f"Fiber {one.fiber}, bend {np.degrees(setup.bends[one.bend]):.0f} deg"
-        curves = draw_curves(setup.lines, one, found.tilt, predicted)
+        inks = channel_inks(setup.scene.palette)
+        curves = draw_curves(setup.lines, one, found.tilt, predicted, inks)
         figures.append({"title": title, "plot": data_uri(curves)})
     told = {"name": setup.scene.name, "count": len(measurements), "figures": figures}
     return render_page("calibration.html.j2", {**result, **told}, package="hw")
 
 
-def draw_curves(lines: ReferenceLines, one: Measurement, tilt: Array, predicted: Array) -> bytes:
+def channel_inks(palette: Palette) -> list[str]:
+    """Return what curves of the channels are drawn with: red, green and blue in their own."""
+    known = dict(zip(RGB.names, RGB.inks, strict=True))
+    return [known.get(name, f"C{number % 10}") for number, name in enumerate(palette.channels)]
+
+
+def draw_curves(
+    lines: ReferenceLines, one: Measurement, tilt: Array, predicted: Array, inks: list[str]
+) -> bytes:
     """Return a PNG of the four lines of one photograph: dots measured, lines simulated.
 
-    The camera's ``tilt`` ``(3,)`` rad is undone; ``predicted`` is ``(point, 3)`` counts.
+    The camera's ``tilt`` ``(3,)`` rad is undone; ``predicted`` is ``(point, channel)``
+    counts, drawn in the ``inks`` of the channels.
     """
     seen = one.untilted(tilt)
     with drawing(11, 2.6) as figure:
@@ -298,7 +323,7 @@ def draw_curves(lines: ReferenceLines, one: Measurement, tilt: Array, predicted:
         for line, plot in enumerate(axes):
             on = (lines.line == line) & one.used
             for channel in one.channels:
-                ink = RGB.inks[channel]
+                ink = inks[channel]
                 plot.plot(lines.place[on], predicted[on, channel], color=ink, lw=1.4)
                 plot.plot(lines.place[on], seen[on, channel], ".", color=ink, ms=4)
             plot.set(title=LINES[line], xlabel="mm")

@@ -60,6 +60,7 @@ def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
     assert not scene.by_channel
     fibers, glow = scene.lamp_count, None
     rows, columns = drawn_size(scene)
+    channels = len(scene.palette.channels)
     images = np.empty((len(setup.bends), fibers, rows, columns), dtype=np.float32)
     if scene.diffuser is not None:
         response = compute_response(
@@ -69,10 +70,10 @@ def fiber_images(setup: Setup, *, rays: int, seed: int) -> NDArray[np.float32]:
         glow = Glow(scene, [response] * fibers, np.arange(fibers))
     with Preview(scene, lights=glow) as preview:
         for index, bend in enumerate(setup.bends):
-            for first in range(0, fibers, 3):
-                # Three fibers per picture, one in each channel.
-                own = range(first, min(first + 3, fibers))
-                power = np.zeros((fibers, 3))
+            for first in range(0, fibers, channels):
+                # As many fibers per picture as there are channels, one in each.
+                own = range(first, min(first + channels, fibers))
+                power = np.zeros((fibers, channels))
                 power[own, np.arange(len(own))] = 1.0
                 drawn = preview.picture(phi, power, float(bend), columns, rows, indented=False)
                 # The preview draws as seen from the coating's side; the camera sees the mirror

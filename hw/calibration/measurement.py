@@ -34,12 +34,12 @@ class Measurement:
 
     Arguments:
         fiber: its number; bend: index of the bend.
-        counts: ``(point, 3)`` linear, dark frame subtracted; NaN where unseen.
+        counts: ``(point, channel)`` linear, dark frame subtracted; NaN where unseen.
         used: ``(point,)`` which points count.
         channels: that carry light.
         noise: standard deviation of ``counts``.
         radius2: ``(point,)`` squared distance from the image's middle, 1 in the corners.
-        tilt_slope: ``(3, point, 3)`` change of counts per rad of the camera's tilt undone.
+        tilt_slope: ``(3, point, channel)`` change of counts per rad of the camera's tilt undone.
     """
 
     fiber: int
@@ -52,7 +52,7 @@ class Measurement:
     tilt_slope: Array
 
     def untilted(self, tilt: Array) -> Array:
-        """Return counts ``(point, 3)`` as without the camera's ``tilt`` ``(3,)`` rad."""
+        """Return counts ``(point, channel)`` as without the camera's ``tilt`` ``(3,)`` rad."""
         return np.asarray(self.counts + np.einsum("tpc,t->pc", self.tilt_slope, tilt))
 
 
@@ -72,7 +72,8 @@ def _averaged(photo: Array, inside: NDArray[np.bool_]) -> Array:
 
     weight = cv2.GaussianBlur(inside.astype(np.float64), (0, 0), SLOPE_BLUR_PIXELS)
     blurred = cv2.GaussianBlur(photo * inside[..., None], (0, 0), SLOPE_BLUR_PIXELS)
-    return np.asarray(blurred / np.maximum(weight, 1e-6)[..., None])
+    # OpenCV drops the axis of a lone channel.
+    return np.asarray(blurred.reshape(photo.shape) / np.maximum(weight, 1e-6)[..., None])
 
 
 class LineReader:
@@ -94,12 +95,15 @@ class LineReader:
             pixels[~whole[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)]] = np.nan
 
     def read(self, photo: Array, fiber: int, bend: int) -> Measurement:
-        """Return the lines of ``fiber`` in ``photo`` ``(row, column, 3)`` at a bend's index."""
+        """Return the lines of ``fiber`` in ``photo`` at a bend's index.
+
+        The photograph is ``(row, column, channel)``.
+        """
         import cv2
 
         box = (BOX_PIXELS, BOX_PIXELS)
         blurred = cv2.blur(photo, box, borderType=cv2.BORDER_REPLICATE)
-        smooth: Array = np.asarray(blurred, dtype=np.float64)
+        smooth: Array = np.asarray(blurred, dtype=np.float64).reshape(photo.shape)
         wide = _averaged(photo, self._clear[bend])
         pixels = self._pixels[bend, fiber]
         counts, here = sample_image(smooth, pixels), sample_image(wide, pixels)
@@ -109,7 +113,9 @@ class LineReader:
         middle = np.array([columns / 2, rows / 2])
         radius2 = ((pixels - middle) ** 2).sum(axis=1) / (middle**2).sum()
         bright = np.nanpercentile(counts, 90, axis=0)
-        channels = [c for c in range(3) if bright[c] > max(2 * MIN_COUNTS, 0.1 * bright.max())]
+        channels = [
+            c for c in range(len(bright)) if bright[c] > max(2 * MIN_COUNTS, 0.1 * bright.max())
+        ]
         with np.errstate(invalid="ignore"):
             fits = (counts[:, channels] > MIN_COUNTS) & (counts[:, channels] < MAX_COUNTS)
         used = np.isfinite(slopes).all(axis=(0, 2)) & np.all(fits, axis=1)

@@ -218,10 +218,10 @@ class CalibrationResiduals:
         return slopes
 
     def predictions(self, x: Array) -> list[Array]:
-        """Return counts ``(point, 3)`` at all points of every photograph."""
+        """Return counts ``(point, channel)`` at all points of every photograph."""
         power, gain = self.unpack(x)
         log_light = self._model.log_light(x[self.material])
-        gains = np.full(3, np.nan)
+        gains = np.full(self._measurements[0].counts.shape[1], np.nan)
         gains[self.channels] = gain
         return [
             np.exp(with_channels(log_light[photo.bend, photo.fiber], 1))

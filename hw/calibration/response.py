@@ -23,11 +23,12 @@ from hw.camera.photo_set import PhotoSet
 from hw.camera.projection import pad_positions
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import RGB, Scene
+from render.scene import Scene
 
 MIN_FIBERS = 2
 MIN_COUNTS = 1.0
-"""Mean counts over the pad, of the channel of its own, from which a color is bright enough."""
+"""Mean counts over the pad, in the channel that sees most of it, from which a color is bright
+enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Response:
 
     matrix: Array
     error: Array
-    of_skin: Array = field(default_factory=lambda: np.zeros(3))
+    of_skin: Array = field(default_factory=lambda: np.zeros(1))
 
     def interval(self, standard_errors: float) -> Array:
         """Return the ends ``(color, channel, 2)`` so many standard errors away, none below 0."""
@@ -90,23 +91,23 @@ def measured_response(
     Raises:
         CalibrationError: too few fibers were photographed in all colors, or a color is too dark.
     """
-    rows, columns = scene.camera.rows, scene.camera.columns
+    rows, columns, names = scene.camera.rows, scene.camera.columns, scene.palette.names
     shown = np.isfinite(pad_positions(scene, 0.0, rows, columns)[..., 0])
     common = sorted(set.intersection(*(set(sweep.alone) for sweep in sweeps)))
     if len(common) < MIN_FIBERS:
         raise CalibrationError(
-            f"{len(common)} fibers were photographed in all of {', '.join(RGB.names)}, allowed: at "
+            f"{len(common)} fibers were photographed in all of {', '.join(names)}, allowed: at "
             f"least {MIN_FIBERS}; capture the same sweep with --color of each",
             field="response",
         )
     # (fiber, color, channel)
     counts = np.array([[sweep.alone[fiber][shown].mean(axis=0) for sweep in sweeps]
                        for fiber in common])  # fmt: skip
-    own = np.diag(counts.mean(axis=0))
+    own = counts.mean(axis=0)[range(len(names)), scene.palette.matrix.argmax(axis=1)]
     if own.min() < MIN_COUNTS:
         color = int(np.argmin(own))
         raise CalibrationError(
-            f"{RGB.names[color]} light alone gives {own[color]:.2f} counts on average over the "
+            f"{names[color]} light alone gives {own[color]:.2f} counts on average over the "
             f"pad, allowed: at least {MIN_COUNTS:g}; see that the sweep was lit in that color, or "
             "raise the exposure of all sweeps",
             field="response",

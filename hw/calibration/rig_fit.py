@@ -39,10 +39,10 @@ class Calibration:
         space: of the material.
         material: ``(quantity,)`` of `space`, the best.
         power: ``(fiber,)`` relative, mean 1; NaN for fibers that were not photographed.
-        gain: ``(3,)`` counts per unit radiance and power.
+        gain: ``(channel,)`` counts per unit radiance and power.
         tilt: ``(3,)`` rad; vignetting: part of light lost at the corners.
         errors: of all these.
-        predicted: list of ``(point, 3)`` counts, one for every measurement.
+        predicted: list of ``(point, channel)`` counts, one for every measurement.
         chi: rms of residuals in units of their expected errors.
     """
 
@@ -159,7 +159,8 @@ def fit_rig(
             )
         x = fit.x
         problem.weigh(x)
-    powers, gains = np.full(scene.lamp_count, np.nan), np.full(3, np.nan)
+    channels = len(scene.palette.channels)
+    powers, gains = np.full(scene.lamp_count, np.nan), np.full(channels, np.nan)
     powers[problem.fibers], gains[problem.channels] = problem.unpack(x)
     residuals = problem.residuals(x)[: problem.rows]
     return Calibration(

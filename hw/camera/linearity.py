@@ -71,8 +71,8 @@ class Linearity:
 def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     """Return how far light is from additive.
 
-    From counts of each fiber ``alone`` ``(fiber, row, column, 3)`` and all ``together``, dark frame
-    subtracted; ``noise`` is the standard deviation of one pixel of one photograph.
+    From counts of each fiber ``alone`` ``(fiber, row, column, channel)`` and all ``together``, dark
+    frame subtracted; ``noise`` is the standard deviation of one pixel of one photograph.
 
     Raises:
         CalibrationError: no pixel is bright enough.
@@ -125,7 +125,7 @@ BIN = 8
 
 
 def _binned(photo: Array) -> Array:
-    """Return ``(..., row, column, 3)`` averaged over squares of `BIN` pixels."""
+    """Return ``(..., row, column, channel)`` averaged over squares of `BIN` pixels."""
     *front, rows, columns, channels = photo.shape
     kept = photo[..., : rows // BIN * BIN, : columns // BIN * BIN, :]
     shape = (*front, rows // BIN, BIN, columns // BIN, BIN, channels)

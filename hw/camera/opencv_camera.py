@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hw.errors import CameraError
 from render.arrays import Array
@@ -15,12 +16,20 @@ MAX_MISSING_FRAMES = 5
 STALE_FRAMES = 4
 """Frames that drivers keep in store; they are thrown away before each capture."""
 
+MAX_TINT_COUNTS = 3.0
+"""Mean counts by which channels of a gray picture may differ, as JPEG leaves it."""
+
+
+def tint_counts(pixels: NDArray[np.generic]) -> float:
+    """Return by how many counts channels of ``(row, column, channel)`` differ, on average."""
+    return float(np.ptp(pixels.astype(np.float64), axis=-1).mean())
+
 
 class CameraDevice(Protocol):
     """Anything that takes photographs."""
 
     def capture(self, frames: int = 1) -> Array:
-        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)`` in RGB."""
+        """Return the mean of ``frames`` photographs, counts ``(row, column, channel)``."""
 
     def close(self) -> None:
         """Give the camera back."""
@@ -41,21 +50,34 @@ class LockedSettings:
 class OpenCVCamera:
     """A camera that OpenCV knows, everything automatic switched off.
 
-    ``source`` is its number or the path of a recording; ``unchecked`` accepts a driver that cannot
-    say what it has set (recordings, some cameras).
+    ``source`` is its number or the path of a recording; ``channels`` are those of the scene's
+    camera, 3 (red, green, blue) or 1 (gray); ``unchecked`` accepts a driver that cannot say what it
+    has set (recordings, some cameras).
     """
 
     def __init__(
-        self, source: int | str, locked: LockedSettings | None = None, *, unchecked: bool = False
+        self,
+        source: int | str,
+        locked: LockedSettings | None = None,
+        *,
+        channels: int = 3,
+        unchecked: bool = False,
     ) -> None:
         """Open and lock the camera.
 
         Raises:
-            CameraError: no camera, or one that does not keep what it is set to.
+            CameraError: no camera, one that does not keep what it is set to, or a number of
+                ``channels`` that none has.
         """
         import cv2
 
-        self.source = source
+        if channels not in (1, 3):
+            raise CameraError(
+                f"the scene's camera has {channels} channels, allowed for a live one: 1 or 3; take "
+                "the photographs with its maker's program, and give them as .npy files",
+                field="camera",
+            )
+        self.source, self.channels = source, channels
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._capture = cv2.VideoCapture(source)
         if not self._capture.isOpened():
@@ -104,10 +126,12 @@ class OpenCVCamera:
             )
 
     def capture(self, frames: int = 1) -> Array:
-        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)`` in RGB.
+        """Return the mean of ``frames`` photographs, counts ``(row, column, channel)``.
+
+        Three channels are red, green and blue.
 
         Raises:
-            CameraError: the camera was unplugged, drops frames, or is gray.
+            CameraError: the camera was unplugged, drops frames, or has other channels.
         """
         for _ in range(STALE_FRAMES):
             self._capture.grab()
@@ -124,18 +148,32 @@ class OpenCVCamera:
                         field="camera",
                     )
                 continue
-            if frame.ndim != 3 or frame.shape[2] != 3:
-                raise CameraError(
-                    f"camera {self.source} gives frames of shape {frame.shape}, allowed: color; "
-                    "use a color camera",
-                    field="camera",
-                )
             missing, count = 0, count + 1
-            # OpenCV's channels are blue, green, red.
-            counts = frame[..., ::-1].astype(np.float64)
+            counts = self._counts(frame)
             total = counts if total is None else total + counts
         assert total is not None
         return total / frames
+
+    def _counts(self, frame: NDArray[np.generic]) -> Array:
+        """Return a frame in the scene's channels."""
+        counts = np.atleast_3d(frame).astype(np.float64)
+        if counts.shape[2] not in (1, 3) or counts.shape[2] < self.channels:
+            raise CameraError(
+                f"camera {self.source} gives frames of shape {frame.shape}, allowed: "
+                f"{'color' if self.channels == 3 else 'gray'}; use a camera of the scene's kind",
+                field="camera",
+            )
+        if self.channels == 3:
+            # OpenCV's channels are blue, green, red.
+            return np.asarray(counts[..., ::-1])
+        # Drivers give gray cameras three channels that are alike.
+        if (tint := tint_counts(counts)) > MAX_TINT_COUNTS:
+            raise CameraError(
+                f"camera {self.source} sees colors, by {tint:.0f} counts, allowed: gray; use a "
+                "gray camera, or name the channels red, green and blue in the scene's [camera]",
+                field="camera",
+            )
+        return np.asarray(counts.mean(axis=2, keepdims=True))
 
     def close(self) -> None:
         """Give the camera back."""

@@ -1,7 +1,8 @@
 """Photographs as linear counts, and those of a sweep: dark, every fiber alone, all together.
 
 Those that cannot be used are refused. A folder of a sweep holds ``dark``, ``all`` and ``fiber-00``,
-``fiber-01``, ... as PNG, JPEG or ``.npy``; ``hw/README.md`` describes it.
+``fiber-01``, ... as PNG, JPEG or ``.npy``; ``hw/README.md`` describes it. Photographs have as many
+channels as the scene's camera: pictures one or three, arrays any number.
 """
 
 from __future__ import annotations
@@ -15,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.opencv_camera import CameraDevice
+from hw.camera.opencv_camera import MAX_TINT_COUNTS, CameraDevice, tint_counts
 from hw.errors import CaptureError
 from hw.leds.fiber_lights import FiberLights, sweep
 from render.arrays import Array
 from render.files import read_bytes
 from render.progress import Clock, OnProgress
-from render.scene import RGB, Scene
 
 FULL_SCALE = 255.0
 SATURATED_COUNTS = 250.0
@@ -35,42 +35,31 @@ MAX_DARK_COUNTS = 20.0
 MAX_PIXELS = 64_000_000
 
 
-def require_color_photos(scene: Scene) -> None:
-    """Refuse scenes whose LEDs and channels are not red, green and blue.
+def read_photo(path: Path, channels: int = 3) -> Array:
+    """Return the photograph as counts ``(row, column, channel)``, 0 to 255.
+
+    PNG, JPEG and TIFF files of one (gray, 8 or 16 bits) or three channels (red, green, blue), and
+    ``.npy`` arrays of uint8, uint16 or float counts of any number. The counts are as the camera
+    gave them: a gamma is not undone here. An opaque alpha channel is dropped.
 
     Raises:
-        CaptureError: names the scene's own.
-    """
-    if (scene.palette.names, scene.palette.channels) != (RGB.names, RGB.channels):
-        raise CaptureError(
-            f"scene {scene.name} has the LEDs {', '.join(scene.palette.names)} and the channels "
-            f"{', '.join(scene.palette.channels)}, allowed for photographs: red, green and blue; "
-            "its lights can be set and swept",
-            field="colors",
-        )
-
-
-def read_photo(path: Path) -> Array:
-    """Return the photograph as counts ``(row, column, 3)``, red, green, blue, 0 to 255.
-
-    PNG, JPEG and TIFF files, and ``.npy`` arrays of uint8, uint16 or float counts. The counts are
-    as the camera gave them: a gamma is not undone here. An opaque alpha channel is dropped.
-
-    Raises:
-        CaptureError: unreadable, not a color image, or not finite.
+        CaptureError: unreadable, not of so many ``channels``, or not finite.
     """
     try:
         content = read_bytes(path)
-        pixels = _array(content) if path.suffix == ".npy" else _picture(content)
+        pixels = _array(content) if path.suffix == ".npy" else _picture(content, channels)
     except IsADirectoryError:
         raise _unreadable(path, "it is a directory") from None
     except OSError as error:
         raise _unreadable(path, error.strerror or "it is not an image") from None
     except (ValueError, EOFError, SyntaxError, MemoryError) as error:
         raise _unreadable(path, str(error) or "it is not an image") from None
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or 0 in pixels.shape:
+    if pixels.ndim == 2 and channels == 1:
+        pixels = pixels[..., None]
+    if pixels.ndim != 3 or pixels.shape[2] != channels or 0 in pixels.shape:
         raise CaptureError(
-            f"{path} has shape {pixels.shape}, allowed: (rows, columns, 3); capture in color",
+            f"{path} has shape {pixels.shape}, allowed: (rows, columns, {channels}), the channels "
+            "of the scene's camera; capture with that camera",
             field="capture",
         )
     scale = {np.dtype(np.uint8): 1.0, np.dtype(np.uint16): FULL_SCALE / 65535}.get(
@@ -112,7 +101,7 @@ def linear(counts: Array, gamma: float) -> Array:
     return counts if gamma == 1.0 else FULL_SCALE * (np.maximum(counts, 0.0) / FULL_SCALE) ** gamma
 
 
-def _picture(content: bytes) -> NDArray[np.uint8]:
+def _picture(content: bytes, channels: int) -> NDArray[np.generic]:
     import warnings
 
     from PIL import Image
@@ -122,12 +111,26 @@ def _picture(content: bytes) -> NDArray[np.uint8]:
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         try:
             with Image.open(io.BytesIO(content)) as image:
-                if image.mode not in ("RGB", "RGBA"):
-                    raise ValueError(f"its mode is {image.mode}, not RGB")
+                if channels not in (1, 3):
+                    raise ValueError(
+                        f"the scene's camera has {channels} channels, which .npy files alone have"
+                    )
+                gray = ("L", "LA", "I;16") if channels == 1 else ()
+                if image.mode not in ("RGB", "RGBA", *gray):
+                    allowed = "gray" if channels == 1 else "RGB"
+                    raise ValueError(f"its mode is {image.mode}, not {allowed}")
                 # A cut-out or an overlay: its colors are not those that the camera saw.
-                if image.mode == "RGBA" and image.getchannel("A").getextrema() != (255, 255):
+                if "A" in image.mode and image.getchannel("A").getextrema() != (255, 255):
                     raise ValueError("it is transparent in places")
-                return np.asarray(image.convert("RGB"))
+                if image.mode in gray:
+                    return np.asarray(image if image.mode == "I;16" else image.convert("L"))
+                pixels = np.asarray(image.convert("RGB"))
+                if channels == 1 and (tint := tint_counts(pixels)) > MAX_TINT_COUNTS:
+                    raise ValueError(
+                        f"it has colors, channels that differ by {tint:.0f} counts, where the "
+                        "scene's camera sees gray"
+                    )
+                return pixels.mean(axis=-1, keepdims=True) if channels == 1 else pixels
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
             raise ValueError("it is too large") from None
 
@@ -151,7 +154,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".npy")
 
 @dataclass(frozen=True, eq=False)
 class PhotoSet:
-    """Linear counts ``(row, column, 3)`` each, the dark frame already subtracted.
+    """Linear counts ``(row, column, channel)`` each, the dark frame already subtracted.
 
     ``alone`` is by number of the fiber, ``together`` None when it was not taken.
     """
@@ -186,11 +189,11 @@ def take_sweep(
     prepare: Callable[[Array], Array] = np.asarray,
     progress: OnProgress | None = None,
 ) -> dict[str, Array]:
-    """Return photographs by name as a folder would hold them, counts ``(row, column, 3)``.
+    """Return photographs by name as a folder would hold them.
 
-    Fibers without ``power`` ``(fiber, 3)`` in [0, 1] are left out; ``together`` also photographs
-    all at once. ``frames`` are averaged, ``settle`` seconds after a light was set; ``prepare``, a
-    dewarp for example, comes first.
+    Each is counts ``(row, column, channel)``. Fibers without ``power`` ``(fiber, color)`` in [0, 1]
+    are left out; ``together`` also photographs all at once. ``frames`` are averaged, ``settle``
+    seconds after a light was set; ``prepare``, a dewarp for example, comes first.
     """
     lights.off()
     lights.hold(settle)
@@ -224,10 +227,12 @@ def photo_set(photos: dict[str, Array], gamma: float = 1.0) -> PhotoSet:
     return PhotoSet(alone, linear(photos["all"], gamma) - dark if "all" in photos else None)
 
 
-def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) -> PhotoSet:
+def load_photo_set(
+    folder: Path, rows: int, columns: int, gamma: float = 1.0, channels: int = 3
+) -> PhotoSet:
     """Return the sweep in a folder.
 
-    Every photograph has ``rows`` and ``columns``; its ``gamma`` is undone.
+    Every photograph has ``rows``, ``columns`` and ``channels``; its ``gamma`` is undone.
 
     Raises:
         CaptureError: unreadable, wrong size, over-exposed, no sweep at all.
@@ -240,7 +245,7 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
     found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES}
 
     def photo(path: Path) -> Array:
-        counts = read_photo(path)
+        counts = read_photo(path, channels)
         check_photo(counts, rows, columns, str(path))
         return counts
 
@@ -257,7 +262,9 @@ def load_photo_set(folder: Path, rows: int, columns: int, gamma: float = 1.0) ->
 
 
 def save_photos(photos: dict[str, Array], out: Path) -> None:
-    """Write photographs, counts ``(row, column, 3)``, as 16-bit ``.npy`` files into a new folder.
+    """Write photographs as 16-bit ``.npy`` files into a new folder.
+
+    They are counts ``(row, column, channel)``.
 
     Raises:
         OutputError: the folder holds something else.
@@ -271,7 +278,7 @@ def save_photos(photos: dict[str, Array], out: Path) -> None:
 
 
 def check_dark(dark: Array, name: str) -> None:
-    """Refuse a dark frame ``(row, column, 3)`` with light in it.
+    """Refuse a dark frame ``(row, column, channel)`` with light in it.
 
     Raises:
         CaptureError: room light, or an LED that stays on.

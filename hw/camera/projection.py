@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from hw.errors import CalibrationError, CaptureError
@@ -197,13 +198,11 @@ class Dewarp:
         self._x, self._y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
 
     def __call__(self, photo: Array) -> Array:
-        """Return ``photo`` ``(row, column, 3)`` as the scene's camera would have taken it.
+        """Return ``photo`` ``(row, column, channel)`` as the scene's camera would have taken it.
 
         Raises:
             CaptureError: a photograph of another size.
         """
-        import cv2
-
         if photo.shape[:2] != (self._lens.rows, self._lens.columns):
             raise CaptureError(
                 f"the photograph has {photo.shape[1]} x {photo.shape[0]} pixels, allowed: "
@@ -211,6 +210,25 @@ class Dewarp:
                 "size",
                 field="capture",
             )
-        return np.asarray(
-            cv2.remap(photo, self._x, self._y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        )
+        return np.asarray(remapped(photo, self._x, self._y), dtype=np.float64)
+
+
+def remapped(
+    photo: NDArray[np.floating],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    *,
+    replicate: bool = False,
+) -> NDArray[np.floating]:
+    """Return ``photo`` ``(row, column[, channel])`` at columns ``x`` and rows ``y``, linearly.
+
+    Beyond its border it is 0, or goes on as it ends. OpenCV knows up to four channels.
+    """
+    import cv2
+
+    border = cv2.BORDER_REPLICATE if replicate else cv2.BORDER_CONSTANT
+    if photo.ndim == 3 and photo.shape[2] != 3:
+        each = np.moveaxis(photo, -1, 0)
+        return np.stack([remapped(one, x, y, replicate=replicate) for one in each], axis=-1)
+    photo = np.ascontiguousarray(photo)
+    return np.asarray(cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=border))

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.camera.led_colors import own_channels
+from hw.check.camera_response import channel_gains, measured_response
 from hw.check.prediction import PadPrediction
-from hw.check.sweep_check import channel_gains, measured_response
 from hw.errors import CaptureError
 from render.arrays import Array
 from render.files import read_npz, write_npz
@@ -35,7 +36,7 @@ class RigRecord:
         ratio: ``(fiber, site)`` measured over predicted light; 1 for fibers without power. With one
             more axis ``channel`` where light depends on it, as the model's error does then; in
             channels that hardly see a fiber, the mean of those in which it shines.
-        phi, power: ``(fiber,)`` rad and ``(fiber, 3)``, the design that was captured.
+        phi, power: ``(fiber,)`` rad and ``(fiber, color)``, the design that was captured.
         scene_hash: the scene of the design.
         bend: rad, of the capture, or the number of the state of its skin.
         starts: of the rig that are averaged.
@@ -106,10 +107,10 @@ def load_record(path: Path) -> RigRecord:
             (record.ratio, record.phi, record.power, record.bend, record.response),
         )
         good = schema == SCHEMA and starts > 0
-        good &= record.ratio.shape[2:] in ((), (3,)) and record.ratio.shape[0] == fibers
+        colors, channels = record.response.shape
+        good &= record.ratio.shape[2:] in ((), (channels,)) and record.ratio.shape[0] == fibers
         good &= record.ratio.ndim >= 2
-        good &= record.phi.shape == (fibers,) and record.power.shape == (fibers, 3)
-        good &= record.response.shape == (3, 3)
+        good &= record.phi.shape == (fibers,) and record.power.shape == (fibers, colors)
         good &= all(np.isfinite(part).all() for part in numbers) and (record.ratio > 0).all()
     except (KeyError, TypeError, ValueError):
         good = False
@@ -124,8 +125,8 @@ def load_record(path: Path) -> RigRecord:
 def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: float) -> RigRecord:
     """Return the record of a rig that is known to be healthy.
 
-    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone; ``bend`` is rad, or the number
-    of a state of ``scene``.
+    ``colors`` ``(fiber, site, channel)`` are counts of each fiber alone; ``bend`` is rad, or the
+    number of a state of ``scene``.
 
     Raises:
         CaptureError: some fiber is so far from the prediction that the rig cannot be healthy.
@@ -134,12 +135,13 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     prediction = replace(prediction, response=response)
     expected = prediction.alone
     lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
-    weight = prediction.power / np.maximum(prediction.power.sum(axis=1, keepdims=True), 1e-9)
+    weight = prediction.power @ own_channels(response)
+    weight = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     wanted = np.einsum("fsc,fc->fs", expected, weight)
     # The white balance of a channel is no fault of its fibers.
-    balanced = np.einsum(
-        "fsc,fc->fs", colors / channel_gains(expected, colors, prediction.own), weight
-    )
+    own, one_led = prediction.own, prediction.one_led
+    balance = channel_gains(expected, colors, own, one_led=one_led)
+    balanced = np.einsum("fsc,fc->fs", colors / balance, weight)
     overall = balanced.sum(axis=1) / np.where(lit, wanted.sum(axis=1), 1.0)
     bad = lit & ~((overall > HEALTHY_RATIO[0]) & (overall < HEALTHY_RATIO[1]))
     if bad.any():
@@ -150,13 +152,16 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
             field="colors",
         )
     # But the record holds it where a fiber is alone in its channel: see `channel_gains`.
-    gain = channel_gains(expected, colors, prediction.own, recorded=True)
+    gain = channel_gains(expected, colors, own, recorded=True, one_led=one_led)
     seen = np.einsum("fsc,fc->fs", colors / gain, weight)
     ratio = _ratio(seen, wanted, lit)
     if prediction.table.ndim == 4:
         whole = expected.sum(axis=1)
         bright = whole > MIN_SEEN * np.maximum(whole.max(axis=1, keepdims=True), 1e-9)
-        each = [_ratio(colors[..., c] / gain[c], expected[..., c], bright[:, c]) for c in range(3)]
+        each = [
+            _ratio(colors[..., c] / gain[c], expected[..., c], bright[:, c])
+            for c in range(len(gain))
+        ]
         ratio = np.where(bright[:, None], np.stack(each, axis=-1), ratio[..., None])
     return RigRecord(
         ratio, prediction.phi, prediction.power, scene.hash, bend, response=prediction.response

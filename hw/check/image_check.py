@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
-from hw.check.prediction import PadPrediction
+from hw.check.prediction import PadPrediction, shining
 from hw.check.rig_tolerances import MIN_TURN, TURNS, RigTolerances
 from hw.check.sweep_check import (
     FAULT_PRIOR,
@@ -36,17 +36,17 @@ def check_image(
 ) -> Diagnosis:
     """Return what one image of all fibers says.
 
-    ``colors`` ``(site, 3)`` are counts at the bend of ``prediction``, linear, dark frame
+    ``colors`` ``(site, channel)`` are counts at the bend of ``prediction``, linear, dark frame
     subtracted, at any exposure; ``ratio`` ``(fiber, site[, channel])`` is measured over predicted
     light of the healthy rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or dark.
     """
-    sites = prediction.cells[1]
-    if colors.shape != (sites, 3) or not np.isfinite(colors).all():
+    sites, channels = prediction.cells[1], prediction.response.shape[1]
+    if colors.shape != (sites, channels) or not np.isfinite(colors).all():
         raise CaptureError(
-            f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, 3)",
+            f"the image has colors of shape {colors.shape}, allowed: finite, ({sites}, {channels})",
             field="colors",
         )
     ratio = per_channel(np.ones(prediction.cells) if ratio is None else ratio)
@@ -66,7 +66,8 @@ def check_image(
     prior = np.log(tolerances.fault)
     weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
-        permuted = swapped_powers(prediction.power[fiber]) @ prediction.response
+        response = prediction.response
+        permuted = swapped_powers(prediction.power[fiber], response) @ response
         swapped = rewired[fiber] * permuted[:, None]
         faults = _changes(straight[fiber], turned[fiber], power[fiber], swapped, phi[fiber])
         for state, changes in faults.items():
@@ -100,7 +101,10 @@ def _whitener(
     scale: float,
     tolerances: RigTolerances,
 ) -> Array:
-    """Return the matrix ``(3 site, 3 site)`` that makes a healthy rig's residuals unit normal."""
+    """Return the matrix that makes a healthy rig's residuals unit normal.
+
+    It is ``(site * channel, site * channel)``.
+    """
     power, middle = prediction.seen_power, len(TURNS) // 2
     step = TURNS[middle + 1] - TURNS[middle - 1]
     slope = (turned[:, middle + 1] - turned[:, middle - 1]) / step
@@ -109,12 +113,17 @@ def _whitener(
         tolerances.power * alone.reshape(len(power), -1),
         tolerances.turn * (slope * power[:, None]).reshape(len(power), -1),
     ]
-    causes += [(tolerances.gain * expected * only).reshape(1, -1) for only in np.eye(3)]
+    causes += [
+        (tolerances.gain * expected * only).reshape(1, -1) for only in np.eye(expected.shape[1])
+    ]
     # The overall gain was matched with a median; it is free.
     causes.append(0.1 * expected.reshape(1, -1))
     spread = np.concatenate(causes)
     noise = np.broadcast_to(np.asarray(tolerances.noise), (len(expected),))[:, None] / scale
-    single = noise**2 + tolerances.model**2 * np.einsum("fsc,fsc->sc", alone, alone)
+    # Channels that see the same LED share the model's error of a site.
+    channels = prediction.own.sum(axis=1) / np.maximum(shining(prediction.power).sum(axis=1), 1)
+    wide = alone * np.sqrt(np.maximum(channels, 1.0))[:, None, None]
+    single = noise**2 + tolerances.model**2 * np.einsum("fsc,fsc->sc", wide, wide)
     covariance = spread.T @ spread + np.diag(single.ravel())
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
@@ -122,10 +131,10 @@ def _whitener(
 def _changes(
     straight: Array, turned: Array, power: Array, swapped: Array, phi: float
 ) -> dict[FiberState, Array]:
-    """Return what each fault of one fiber adds to the image, ``(n, site, 3)`` each.
+    """Return what each fault of one fiber adds to the image, ``(n, site, channel)`` each.
 
     ``straight`` is ``(site, channel)``, ``turned`` ``(turn, site, channel)``; ``swapped`` ``(n,
-    site, 3)`` is what it looks like with swapped colors.
+    site, channel)`` is what it looks like with swapped colors.
     """
     own = straight * power
     reachable = (np.abs(phi + TURNS - np.pi / 2) <= np.pi / 2) & (np.abs(TURNS) >= MIN_TURN)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.camera.led_colors import own_channels
 from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes, interpolation_weights
@@ -65,7 +66,12 @@ class PadPrediction:
     @property
     def own(self) -> NDArray[np.bool_]:
         """In which channels each fiber shines with an LED of their own, ``(fiber, channel)``."""
-        return shining(self.power)
+        return shone_channels(self.power, self.response)
+
+    @property
+    def one_led(self) -> NDArray[np.bool_]:
+        """Which fibers shine with one LED, ``(fiber,)``."""
+        return np.asarray(shining(self.power).sum(axis=1) == 1)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -94,6 +100,14 @@ def shining(power: Array) -> NDArray[np.bool_]:
     return np.asarray(power > MIN_OWN * power.max(axis=1, keepdims=True))
 
 
+def shone_channels(power: Array, response: Array) -> NDArray[np.bool_]:
+    """Return the own channels of the LEDs that are lit, ``(n, channel)``.
+
+    Of ``power`` ``(n, color)`` with LEDs that ``response`` ``(color, channel)`` tells.
+    """
+    return np.asarray(shining(power).astype(np.int64) @ own_channels(response) > 0)
+
+
 def predict(
     checker: Checker, phi: Array, power: Array, bend: float, response: Array | None = None
 ) -> PadPrediction:
@@ -101,9 +115,9 @@ def predict(
 
     ``bend`` is rad, or the number of a state of the skin.
 
-    ``response`` None: each channel sees the color of its name alone.
+    ``response`` ``(color, channel)`` None: each channel sees the color of its name alone.
 
-    Light is linear, so three fibers are lit per run of the model, one per color channel.
+    Light is linear, so as many fibers are lit per run of the model as there are channels.
     """
     nodes = chebyshev_nodes(NODES, 0.0, np.pi)
     table = checker.transport_table(nodes, np.array([bend]))
@@ -142,6 +156,11 @@ class SiteSpots:
         self.counts = self._shown.sum(axis=1)
 
     def colors(self, photo: Array) -> Array:
-        """Return mean colors ``(site, 3)`` of ``photo`` ``(row, column, 3)``; NaN where unseen."""
+        """Return mean colors ``(site, channel)`` of a ``photo``, NaN where unseen.
+
+        It is ``(row, column, channel)``.
+        """
         with np.errstate(invalid="ignore"):
-            return np.asarray(self._shown @ photo.reshape(-1, 3) / self.counts[:, None])
+            return np.asarray(
+                self._shown @ photo.reshape(-1, photo.shape[2]) / self.counts[:, None]
+            )

@@ -9,7 +9,6 @@ evidence of a state is the mean likelihood over the b, d and P that it allows.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
@@ -17,8 +16,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hw.camera.led_colors import exchanges, own_channels
+from hw.check.camera_response import channel_gains, unmeasured_colors
 from hw.check.diagnosis import Diagnosis, FiberDiagnosis, FiberState
-from hw.check.prediction import PadPrediction, shining
+from hw.check.prediction import PadPrediction, shining, shone_channels
 from hw.check.rig_tolerances import (
     DEAD_BELOW,
     DIM_BELOW,
@@ -88,7 +89,6 @@ def between(low: float, high: float) -> PowerPrior:
     return PowerPrior(low, high, lambda b: np.full(b.shape, -np.log(high - low)))
 
 
-PERMUTATIONS = [p for p in itertools.permutations(range(3)) if p != (0, 1, 2)]
 FAULT_PRIOR = {
     FiberState.DEAD: 0.25,
     FiberState.DIM: 0.25,
@@ -96,10 +96,12 @@ FAULT_PRIOR = {
     FiberState.MOVED: 0.28,
 }
 """How faults are shared among their kinds; what is left is `State.UNCLEAR`."""
-ENOUGH_FIBERS = 3
-"""Fibers in a channel from which on one that is faulty does not move their median."""
+MIN_SEEN_CHANGE = 0.1
+"""Change of the light in some channel, relative, from which swapped colors look different."""
 LEAK_SPREAD = 0.1
 """Relative spread of what other channels see of LEDs of one color: their spectra differ."""
+RESPONSE_SPREAD = 0.15
+"""Relative spread of what channels see of LEDs of a color that no fiber of the design has alone."""
 UNCLEAR_SPREAD = 0.3
 """Relative spread of single sites under `State.UNCLEAR`: dirt, bubbles, loose parts."""
 _STEPS = np.gradient(TURNS)
@@ -114,29 +116,33 @@ def check_sweep(
 ) -> Diagnosis:
     """Return what a sweep says about every fiber.
 
-    ``colors`` ``(fiber, site, 3)`` are counts of each fiber alone at the bend of ``prediction``,
-    linear, dark frame subtracted; the camera's gain may be anything, but the same for all.
-    ``ratio`` ``(fiber, site[, channel])`` is measured over predicted light of the healthy rig.
+    ``colors`` ``(fiber, site, channel)`` are counts of each fiber alone at the bend of
+    ``prediction``, linear, dark frame subtracted; the camera's gain may be anything, but the same
+    for all. ``ratio`` ``(fiber, site[, channel])`` is measured over predicted light of the healthy
+    rig.
 
     Raises:
         CaptureError: wrong shape, not finite, or all dark.
     """
     fibers, sites = prediction.cells
-    if colors.shape != (fibers, sites, 3) or not np.isfinite(colors).all():
+    channels = prediction.response.shape[1]
+    if colors.shape != (fibers, sites, channels) or not np.isfinite(colors).all():
         raise CaptureError(
             f"the sweep has colors of shape {colors.shape}, allowed: finite, ({fibers}, {sites}, "
-            "3); capture one image for each fiber of the design",
+            f"{channels}); capture one image for each fiber of the design",
             field="colors",
         )
     recorded = ratio is not None
     ratio = per_channel(np.ones((fibers, sites)) if ratio is None else ratio)
     rewired, unknown = rewired_ratio(prediction, ratio)
-    gain = channel_gains(prediction.alone * ratio, colors, prediction.own, recorded)
+    gain = channel_gains(
+        prediction.alone * ratio, colors, prediction.own, recorded, prediction.one_led
+    )
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
     noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
     expected = prediction.alone * ratio
-    diagnoses = []
+    diagnoses, unmeasured = [], unmeasured_colors(prediction)
     turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
     for fiber in range(fibers):
         power, response = prediction.power[fiber], prediction.response
@@ -159,6 +165,7 @@ def check_sweep(
                     tolerances.power,
                     other,
                     unknown[fiber],
+                    unmeasured,
                 ),
                 tolerances,
             )
@@ -166,37 +173,6 @@ def check_sweep(
     lit = prediction.power.any(axis=1)
     error = float(np.sqrt(np.mean((seen[lit] - expected[lit]) ** 2)))
     return Diagnosis(tuple(diagnoses), prediction.score, error, prediction.domain_excess)
-
-
-MAX_LEAK = 0.5
-"""Part of its own channel's light that a color may add to another: beyond, it is another color."""
-
-
-def measured_response(prediction: PadPrediction, colors: Array, *, recorded: bool = False) -> Array:
-    """Return what each channel sees of each LED color, ``(color, channel)``, 1 on the diagonal.
-
-    The median over fibers of one color, so that a faulty one does not move it; where they are fewer
-    than `ENOUGH_FIBERS`, all must agree that it is a leak and no wrong color. ``colors`` ``(fiber,
-    site, 3)`` are counts of each fiber alone. Colors that no fiber has alone keep the response of
-    ``prediction``. It is relative to the gains of `channel_gains`, so where it is ``recorded`` to
-    those of a record.
-    """
-    response = prediction.response.copy()
-    gain = channel_gains(prediction.alone, colors, prediction.own, recorded)
-    seen = (colors / gain).sum(axis=1) / prediction.tint
-    strongest = prediction.power.argmax(axis=1)
-    for color in range(3):
-        power = prediction.power
-        alone = (strongest == color) & (power[:, color] > 0.95 * power.sum(axis=1))
-        bright = alone & (seen[:, color] > 0.1 * seen[alone, color].max(initial=0.0))
-        if not bright.any() or bright.sum() < min(ENOUGH_FIBERS, alone.sum()):
-            continue
-        ratio = seen[bright] / seen[bright, color, None]
-        median = np.median(ratio, axis=0)
-        worst = median if bright.sum() >= ENOUGH_FIBERS else ratio.max(axis=0)
-        if np.delete(worst, color).max() < MAX_LEAK:
-            response[color] = np.maximum(median, 0.0)
-    return response
 
 
 def per_channel(ratio: Array) -> Array:
@@ -207,61 +183,26 @@ def per_channel(ratio: Array) -> Array:
 def rewired_ratio(prediction: PadPrediction, ratio: Array) -> tuple[Array, Array]:
     """Return the ratio of fibers whose LEDs are wired to other colors, and its relative error.
 
-    A ``ratio`` by channel ``(fiber, site, 3)`` holds that of the LEDs that a fiber shines with,
+    A ``ratio`` by channel ``(fiber, site, channel)`` holds that of the LEDs a fiber shines with,
     also where other channels see them. Where a channel sees an LED of its own instead, the ratio is
     that of the channels in which the fiber shines, with the error ``(fiber, channel)`` that the
     model has.
     """
     if ratio.shape[-1] == 1:
-        return ratio, np.zeros(prediction.power.shape)
+        return ratio, np.zeros(prediction.seen_power.shape)
     own = prediction.own
     shone = np.einsum("fsc,fc->fs", ratio, own) / np.maximum(own.sum(axis=1), 1)[:, None]
     return np.where(own[:, None], ratio, shone[..., None]), np.where(own, 0.0, MODEL)
 
 
-def channel_gains(
-    expected: Array, colors: Array, own: NDArray[np.bool_], recorded: bool = False
-) -> Array:
-    """Return captured over expected light per channel ``(3,)``: medians over fibers.
-
-    Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
-    others. So does, where the healthy rig was ``recorded`` through the same camera, a channel of so
-    few fibers that a dim one would pass for its gain: the median of all fibers.
-
-    Both are ``(fiber, site, 3)``; only fibers whose ``own`` ``(fiber, 3)`` LED a channel sees count
-    in it.
-
-    Raises:
-        CaptureError: no light in any channel.
-    """
-    wanted, got = expected.sum(axis=1), colors.sum(axis=1)
-    gains, few = np.full(3, np.nan), []
-    bright = own & (wanted > 0.05 * wanted.max(axis=0))
-    for channel in range(3):
-        used = bright[:, channel]
-        if used.any():
-            gains[channel] = np.median(got[used, channel] / wanted[used, channel])
-            if used.sum() < ENOUGH_FIBERS:
-                few.append(channel)
-    if recorded and few:
-        gains[few] = np.median(got[bright] / wanted[bright])
-    found = gains[np.isfinite(gains) & (gains > 0)]
-    if not len(found):
-        raise CaptureError(
-            "the sweep is dark: switch the LEDs on, take the lens cap off, or raise the exposure",
-            field="colors",
-        )
-    # A channel of which most fibers are dead must not divide by nothing.
-    return np.where(np.isfinite(gains) & (gains > 0.1 * found.max()), gains, found.mean())
-
-
 @dataclass(frozen=True, eq=False)
 class _Fiber:
-    """One fiber: ``seen`` and ``noise`` ``(site, 3)``, ``light`` ``(turn, site, channel)``.
+    """One fiber: ``seen`` and ``noise`` ``(site, channel)``, ``light`` ``(turn, site, channel)``.
 
     ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these, ``led_spread``
     by how much their powers differ. ``rewired`` ``(site, channel)`` is its light with LEDs of
-    other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others.
+    other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others;
+    colors that are ``unmeasured`` ``(color,)`` have one of their own.
     """
 
     index: int
@@ -274,6 +215,7 @@ class _Fiber:
     led_spread: float
     rewired: Array
     unknown: Array
+    unmeasured: NDArray[np.bool_]
 
     def fits(
         self, light: Array, power: Array, model: Array, unknown: Array | float = 0.0
@@ -282,17 +224,17 @@ class _Fiber:
 
         ``light`` is ``(n, site, channel)``, with one channel where all are alike. The model's
         relative error, ``(n,)``, goes with the light that is there, and so does what is ``unknown``
-        of each channel ``(channel,)``. Where a fiber shines with
+        of each channel ``(n, channel)``. Where a fiber shines with
         several LEDs, each has a power of its own, which differs by `led_spread`.
         """
         leds = shining(power).sum(axis=1)
         in_channels = power @ self.response
         expected = light * in_channels[:, None, :]
         # The part of a channel's light that is not of its own color.
-        own = power * np.diag(self.response)
+        own = power @ (self.response * own_channels(self.response))
         leaked = 1 - own / np.where(in_channels > 0, in_channels, np.inf)
         # Channels share the model's error of a site: two say no more of it than one.
-        shared = model * np.sqrt(leds)
+        shared = model * np.sqrt(shone_channels(power, self.response).sum(axis=1))
         relative = np.hypot(shared[:, None], LEAK_SPREAD * np.where(in_channels > 0, leaked, 0.0))
         relative = np.hypot(relative, unknown)
         variance = self.noise**2 + (relative[:, None] * np.maximum(self.seen, 0.0)) ** 2
@@ -316,7 +258,7 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
     turned = fiber.fits(
         fiber.light, np.repeat(power, len(TURNS), 0), tolerances.model_when_turned(TURNS)
     )
-    permuted = swapped_powers(fiber.power)
+    permuted = swapped_powers(fiber.power, fiber.response)
     unclear = fiber.fits(straight, power, np.array([UNCLEAR_SPREAD]))
     weight = _STEPS * fiber.reachable
     small = weight * np.exp(-0.5 * (TURNS / tolerances.turn) ** 2)
@@ -330,11 +272,12 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
         FiberState.UNCLEAR: float(unclear.evidence(between(0.0, MAX_POWER))[0]),
     }
     if len(permuted):
+        unmeasured = np.any(shining(permuted) & fiber.unmeasured, axis=1)
         swapped = fiber.fits(
             np.repeat(fiber.rewired[None], len(permuted), 0),
             permuted,
             np.full(len(permuted), tolerances.model),
-            fiber.unknown,
+            np.hypot(fiber.unknown, RESPONSE_SPREAD * unmeasured[:, None]),
         )
         evidence[FiberState.SWAPPED] = _mean(swapped.evidence(loose), np.ones(len(permuted)))
     shares = {**FAULT_PRIOR, FiberState.UNCLEAR: 1 - sum(FAULT_PRIOR.values())}
@@ -353,6 +296,8 @@ def _named(
     else:
         state = max((s for s in posterior if s is not FiberState.OK), key=lambda s: posterior[s])
         confidence = posterior[state]
+    if state is FiberState.SWAPPED and _one_hue(fiber):
+        return FiberDiagnosis(fiber.index, state, confidence, detail=BY_BRIGHTNESS)
     if state in (FiberState.SWAPPED, FiberState.UNCLEAR, FiberState.DEAD):
         return FiberDiagnosis(fiber.index, state, confidence)
     turn = len(TURNS) // 2
@@ -369,10 +314,30 @@ def _named(
     return FiberDiagnosis(fiber.index, state, confidence, power_found, angle, detail)
 
 
-def swapped_powers(power: Array) -> Array:
-    """Return ``power`` ``(3,)`` with its colors swapped in all ways that differ, ``(n, 3)``."""
-    permuted = power[np.array(PERMUTATIONS)]
-    return np.asarray(permuted[np.abs(permuted - power).max(axis=1) > 0.2 * power.max()])
+def swapped_powers(power: Array, response: Array) -> Array:
+    """Return ``power`` ``(color,)`` with its colors swapped, ``(n, color)``, in ways that differ.
+
+    They differ to a camera that sees of them what ``response`` ``(color, channel)`` says.
+    """
+    orders = exchanges(len(power))
+    if not orders:
+        return np.empty((0, len(power)))
+    permuted = power[np.array(orders)]
+    differs = np.abs(permuted - power).max(axis=1) > 0.2 * power.max()
+    seen = np.abs((permuted - power) @ response).max(axis=1)
+    differs &= seen > MIN_SEEN_CHANGE * (power @ response).max()
+    return np.asarray(permuted[differs])
+
+
+BY_BRIGHTNESS = "told by brightness alone, as the camera sees these LEDs in one hue"
+
+
+def _one_hue(fiber: _Fiber) -> bool:
+    """Whether all colors that the fiber may have been swapped for look like its own but dimmer."""
+    own = fiber.power @ fiber.response
+    others = swapped_powers(fiber.power, fiber.response) @ fiber.response
+    scale = others @ own / (own @ own)
+    return bool(np.allclose(others, scale[:, None] * own, atol=0.05 * own.max()))
 
 
 def posterior(logs: dict[Key, float]) -> dict[Key, float]:

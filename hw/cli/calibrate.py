@@ -30,6 +30,10 @@ def run(
     ] = None,
     green: Annotated[Path | None, Option(help="The same in green.")] = None,
     blue: Annotated[Path | None, Option(help="The same in blue.")] = None,
+    color: Annotated[
+        list[str] | None,
+        Option(metavar="NAME=FOLDER", help="The same in any LED color of the scene; repeat it."),
+    ] = None,
     scene_name: SceneOption = "finger20",
     design: DesignOption = None,
     model: ModelFolder = None,
@@ -47,14 +51,13 @@ def run(
 
     from hw.calibration.calibration import calibrate_sets
     from hw.calibration.material import material_space
-    from hw.camera.photo_set import load_photo_set, require_color_photos
+    from hw.camera.photo_set import PhotoSet, load_photo_set
     from hw.errors import CalibrationError
     from optimize.ui.output import check_target
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        require_color_photos(scene)
         material_space(scene)
         if scene.bending.rigid == (bent is not None):
             raise CalibrationError(
@@ -62,23 +65,23 @@ def run(
                 f"{'--flat alone' if scene.bending.rigid else '--flat and --bent'}",
                 field="bent",
             )
-        colors = [folder for folder in (red, green, blue) if folder]
-        if len(colors) not in (0, 3):
-            raise CalibrationError(
-                f"{len(colors)} of --red, --green and --blue are given, allowed: all or none",
-                field="response",
-            )
+        named = {"red": red, "green": green, "blue": blue}
+        colors = color_folders(scene.palette.names, named, color or [])
         target = out or Path("runs") / f"{scene.name}-calibrate"
         check_target(target)
-        size = scene.camera.rows, scene.camera.columns
-        sets = [load_photo_set(folder, *size, gamma) for folder in (flat, bent) if folder]
-        extra = [load_photo_set(additive, *size, gamma)] if additive else []
+
+        def photos(folder: Path) -> PhotoSet:
+            size, channels = (scene.camera.rows, scene.camera.columns), scene.palette.channels
+            return load_photo_set(folder, *size, gamma, len(channels))
+
+        sets = [photos(folder) for folder in (flat, bent) if folder]
+        extra = [photos(additive)] if additive else []
         result = calibrate_sets(
             scene_name,
             sets,
             np.array([0.0, math.radians(bend)][: len(sets)]),
             linearity_sets=[*extra, *sets],
-            color_sets=[load_photo_set(folder, *size, gamma) for folder in colors],
+            color_sets=[photos(folder) for folder in colors],
             design=design,
             model=model,
             target=target,
@@ -92,10 +95,50 @@ def run(
             print_calibration(stream, result)
 
 
+def color_folders(
+    names: tuple[str, ...], options: dict[str, Path | None], told: list[str]
+) -> list[Path]:
+    """Return the folder of the sweep in each of the LED colors ``names``, in their order, or none.
+
+    ``options`` are those of --red, --green and --blue, ``told`` is what --color says, each
+    ``NAME=FOLDER``.
+
+    Raises:
+        CalibrationError: no such color, one twice, or some of them alone.
+    """
+    from hw.camera.led_colors import all_of
+    from hw.errors import CalibrationError
+
+    given = [(f"--{name}", name, folder) for name, folder in options.items() if folder]
+    for item in told:
+        name, equals, folder = item.partition("=")
+        if not equals or not folder:
+            raise CalibrationError(
+                f"--color {item} is not like NAME=FOLDER, allowed: {names[0]}={names[0]} and so on",
+                field="color",
+            )
+        given.append((f"--color {item}", name, Path(folder)))
+    folders: dict[str, Path] = {}
+    for option, name, folder_of in given:
+        if name not in names or name in folders:
+            problem = "is given twice" if name in folders else "is no LED color of the scene"
+            raise CalibrationError(
+                f"{option}: {name} {problem}, allowed: {', '.join(names)}, each once",
+                field="color",
+            )
+        folders[name] = folder_of
+    if len(folders) not in (0, len(names)):
+        options_of = [f"--{name}" if name in options else f"--color {name}=" for name in names]
+        raise CalibrationError(
+            f"{len(folders)} of {all_of(tuple(options_of))} are given, allowed: all or none",
+            field="response",
+        )
+    return [folders[name] for name in names if name in folders]
+
+
 def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
     """Write the fitted values and where everything is."""
     from hw.calibrated_powers import FILE
-    from render.scene import RGB
 
     for row in result["material"].values():
         value = f"{row['value']:.4g} {row['unit']}".rstrip()
@@ -107,7 +150,7 @@ def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:
         seen = ", ".join(
             f"{channel} {value:.3f} ({low:.3f} to {high:.3f})"
             for channel, value, (low, high) in zip(
-                RGB.names, told["value"], told["interval"], strict=True
+                result["channels"], told["value"], told["interval"], strict=True
             )
         )
         stream.write(f"{color} LEDs are seen by: {seen}\n")

@@ -38,10 +38,11 @@ def run(
     frames: Annotated[int, Option(min=1, help="Photographs that are averaged.")] = 4,
     white: Annotated[
         float | None,
-        Option(min=0.0, max=1.0, help="Light all three channels with this power."),
+        Option(min=0.0, max=1.0, help="Light all LEDs of each fiber with this power."),
     ] = None,
     color: Annotated[
-        str | None, Option(help="Light red, green or blue alone, at the power of --white or 1.")
+        str | None,
+        Option(help="Light LEDs of this color alone, at the power of --white or 1."),
     ] = None,
     *,
     wiring: Wiring,
@@ -56,7 +57,9 @@ def run(
         scene = load_scene(scene_name)
         design = load_design(path, scene)
         locked = LockedSettings(exposure, gain, white_balance)
-        only = None if white is None and color is None else only_light(white, color)
+        only = None
+        if white is not None or color is not None:
+            only = only_light(white, color, scene.palette.names)
         photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, only)
         save_photos(photos, out)
         stream.write(f"{len(photos)} photographs: {out}\n")
@@ -74,29 +77,28 @@ def sweep_photos(
 ) -> dict[str, Array]:
     """Return the photographs of a sweep, after the self-tests.
 
-    ``only`` ``(3,)`` is the light of every fiber instead of the design's.
+    ``only`` ``(color,)`` is the light of every fiber instead of the design's.
     """
     import numpy as np
 
     from hw.camera.opencv_camera import OpenCVCamera
-    from hw.camera.photo_set import check_photo, require_color_photos, take_sweep
+    from hw.camera.photo_set import check_photo, take_sweep
     from hw.camera.projection import Dewarp, load_lens
     from hw.camera.self_test import self_test
 
-    require_color_photos(scene)
     prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray
     power = design.drive * wiring.scale
     if only is not None:
         power = np.any(design.drive, axis=1)[:, None] * only
     with (
-        closing(OpenCVCamera(source, locked)) as camera,
-        wiring.lights(len(design.phi)) as lights,
+        closing(OpenCVCamera(source, locked, channels=len(scene.palette.channels))) as camera,
+        wiring.lights(*design.drive.shape) as lights,
         ProgressBar("Photographing") as bar,
     ):
         first = prepare(camera.capture())
         check_photo(first, scene.camera.rows, scene.camera.columns, "the photograph")
-        self_test(camera, lights, TEST_LEVEL * wiring.scale, SETTLE)
-        # All fibers in all colors at once would draw three times what the design does.
+        self_test(camera, lights, TEST_LEVEL * wiring.scale, SETTLE, scene.palette)
+        # All fibers in all colors at once would draw several times what the design does.
         return take_sweep(
             camera,
             lights,
@@ -109,8 +111,12 @@ def sweep_photos(
         )
 
 
-def only_light(white: float | None, color: str | None) -> Array:
-    """Return the light ``(3,)`` that stands for the design's: white, or one color of it.
+def only_light(
+    white: float | None, color: str | None, names: tuple[str, ...] = ("red", "green", "blue")
+) -> Array:
+    """Return the light ``(color,)`` that stands for the design's: all LEDs, or one color of it.
+
+    ``names`` are those of the LED colors.
 
     Raises:
         CaptureError: there is no such color.
@@ -118,14 +124,13 @@ def only_light(white: float | None, color: str | None) -> Array:
     import numpy as np
 
     from hw.errors import CaptureError
-    from render.scene import RGB
 
     power = 1.0 if white is None else white
     if color is None:
-        return np.full(3, power)
-    if color not in RGB.names:
-        raise CaptureError(f"--color is {color}, allowed: {', '.join(RGB.names)}", field="color")
-    return np.where(np.array(RGB.names) == color, power, 0.0)
+        return np.full(len(names), power)
+    if color not in names:
+        raise CaptureError(f"--color is {color}, allowed: {', '.join(names)}", field="color")
+    return np.where(np.array(names) == color, power, 0.0)
 
 
 def live(

@@ -68,20 +68,20 @@ def run(
     import numpy as np
 
     from hw.calibrated_powers import calibrated_powers
-    from hw.camera.photo_set import PhotoSet, require_color_photos
+    from hw.camera.photo_set import PhotoSet
     from hw.camera.self_test import check_order
+    from hw.check.camera_response import measured_response
     from hw.check.commission import commission, load_record
     from hw.check.image_check import check_image
     from hw.check.prediction import SiteSpots, predict
     from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.sweep_check import check_sweep, measured_response
+    from hw.check.sweep_check import check_sweep
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        require_color_photos(scene)
         posed, angle, number, _ = in_pose(scene, state, bend)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         if (capture is None) == (camera is None):
@@ -123,7 +123,7 @@ def run(
             note(f"The fibers' powers are those of {powers.path}.")
         if isinstance(seen, PhotoSet):
             colors = seen.stacked(scene.lamp_count, spots.colors)
-            check_order(prediction.alone.sum(axis=1), colors.sum(axis=1))
+            check_order(prediction.alone.sum(axis=1), colors.sum(axis=1), scene.palette)
             if record is None:
                 prediction = replace(prediction, response=measured_response(prediction, colors))
             diagnosis = check_sweep(prediction, colors, known, ratio)
@@ -138,7 +138,7 @@ def run(
                     field="commission",
                 )
             colors = spots.colors(seen)
-            check_order(prediction.together, colors)
+            check_order(prediction.together, colors, scene.palette)
             diagnosis = check_image(prediction, colors, known, ratio)
         took = time.perf_counter() - began
         if as_json:
@@ -155,9 +155,10 @@ def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
     from hw.camera.photo_set import check_photo, linear, load_photo_set, read_photo
 
     rows, columns = scene.camera.rows, scene.camera.columns
+    channels = len(scene.palette.channels)
     if capture.is_dir():
-        return load_photo_set(capture, rows, columns, gamma)
-    counts = read_photo(capture)
+        return load_photo_set(capture, rows, columns, gamma, channels)
+    counts = read_photo(capture, channels)
     check_photo(counts, rows, columns, str(capture))
     return linear(counts, gamma)
 

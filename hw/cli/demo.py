@@ -51,7 +51,6 @@ def run(
     from hw.calibration.line_model import surrogate_correction
     from hw.calibration.material import material_space
     from hw.calibration.reference_lines import Setup
-    from hw.camera.photo_set import require_color_photos
     from hw.emulator.demonstration import (
         calibration_bends,
         check_faults,
@@ -74,7 +73,6 @@ def run(
         check_target(target)
         if keep is not None:
             check_target(keep / "commission")
-        require_color_photos(scene)
         if calibrate:
             material_space(scene)
         elif scene.diffuser is not None:
@@ -100,7 +98,7 @@ def run(
             sets: list[PhotoSet] = []
             colored: list[PhotoSet] = []
             if calibrate:
-                note("Photographing every fiber in white, and those of the flat pad in each color")
+                note("Photographing every fiber, and those of the flat pad in each LED color")
                 sets = rig.calibration_sets()
                 colored = rig.color_sets()
             additive = [rig.additive_set()] if calibrate or keep else []

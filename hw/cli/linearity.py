@@ -32,7 +32,8 @@ def run(
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        photos = load_photo_set(folder, scene.camera.rows, scene.camera.columns, gamma)
+        size, channels = (scene.camera.rows, scene.camera.columns), len(scene.palette.channels)
+        photos = load_photo_set(folder, *size, gamma, channels)
         if photos.together is None:
             raise CaptureError(
                 f"{folder} holds no photograph of all fibers together (all.png or all.npy): "

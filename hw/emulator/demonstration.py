@@ -26,7 +26,7 @@ from hw.check.commission import commission
 from hw.check.diagnosis import Diagnosis
 from hw.check.prediction import SiteSpots, predict
 from hw.check.rig_tolerances import rig_tolerances
-from hw.check.sweep_check import check_sweep
+from hw.check.sweep_check import check_sweep, swapped_powers
 from hw.emulator.emulated_board import EmulatedBoard
 from hw.emulator.emulated_camera import EmulatedCamera
 from hw.emulator.rig import TrueParameters, rendered_images
@@ -35,14 +35,14 @@ from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights, sweep
 from hw.leds.ports import open_board
 from optimize.design import Design
+from optimize.mounting import FULL_MILLIAMPERES
 from optimize.ui.console import ProgressBar, note
 from render.arrays import Array
 from render.progress import Progress
-from render.scene import RGB, Scene
+from render.scene import Scene
 from surrogate.runtime import Checker
 
 SWEEPS = ("flat", "bent")
-SUPPLY = PowerLimits(total_milliamperes=2000.0)
 SINGLE_FIBER_COUNTS = 210.0
 """Counts of the brightest photograph of one fiber."""
 BRIGHTEST = 99.9
@@ -100,24 +100,27 @@ class EmulatedRig:
         return photo_set(taken)
 
     def calibration_sets(self) -> list[PhotoSet]:
-        """Return photographs in white of every fiber, each at one of `calibration_bends`."""
+        """Return photographs of every fiber with all its LEDs, each at one of its bends.
+
+        The bends are those of `calibration_bends`.
+        """
         sets = []
         for bend, fibers in enumerate(calibration_fibers(self.scene)):
-            power = np.zeros((len(self.design.phi), 3))
+            power = np.zeros(self.design.drive.shape)
             power[fibers] = 1.0
             sets.append(self.photos(SWEEPS[bend], self.camera(bend), power))
         return sets
 
     def color_sets(self) -> list[PhotoSet]:
-        """Return sweeps of the flat pad in red, green and blue alone."""
-        fibers = calibration_fibers(self.scene)[0]
+        """Return sweeps of the flat pad in each LED color alone."""
+        fibers, names = calibration_fibers(self.scene)[0], self.scene.palette.names
         lit = np.isin(np.arange(len(self.design.phi)), fibers)[:, None]
         return [self.photos(name, self.camera(), lit * only)
-                for name, only in zip(RGB.names, np.eye(3), strict=True)]  # fmt: skip
+                for name, only in zip(names, np.eye(len(names)), strict=True)]  # fmt: skip
 
     def additive_set(self) -> PhotoSet:
-        """Return a dim sweep in white and all fibers together, which tests linearity."""
-        power = np.full((len(self.design.phi), 3), self.dim_power())
+        """Return a dim sweep of all LEDs and all fibers together, which tests linearity."""
+        power = np.full(self.design.drive.shape, self.dim_power())
         return self.photos("additive", self.camera(0), power, together=True)
 
     def dim_power(self) -> float:
@@ -142,13 +145,16 @@ def switched_on(
 
     Arguments are those of `EmulatedRig`.
     """
-    leds = scene.lamp_count
+    channels = ChannelMap.straight(scene.lamp_count, colors=len(scene.palette.names))
+    leds = channels.needed
+    # What all LEDs of the board draw.
+    supply = PowerLimits(total_milliamperes=3 * leds * FULL_MILLIAMPERES)
     with (
         tempfile.TemporaryDirectory() as place,
         EmulatedBoard(Path(place) / "ttyEMU0", leds=leds) as board,
     ):
         connect = partial(open_board, str(board.port), ProtocolName.LINES, leds=leds)
-        with FiberLights(connect, ChannelMap.straight(leds), SUPPLY) as lights:
+        with FiberLights(connect, channels, supply) as lights:
             yield EmulatedRig(scene, design, truth, images, board, lights, keep)
         if board.levels.any():
             raise AssertionError("an LED stayed on")
@@ -161,7 +167,10 @@ def single_exposure(truth: TrueParameters, images: NDArray[np.float32]) -> float
 
 
 def _white_light(truth: TrueParameters, images: NDArray[np.float32]) -> Array:
-    """Return white light ``(bend, fiber, row, column)`` of each fiber in its brightest channel."""
+    """Return the light of all LEDs of each fiber in its brightest channel.
+
+    It is ``(bend, fiber, row, column)``.
+    """
     white = truth.imperfections.response.sum(axis=0)
     light = images * white.max() if images.ndim == 4 else (images * white).max(axis=-1)
     return np.asarray(light * truth.power[:, None, None])
@@ -193,10 +202,10 @@ def set_and_sweep(rig: EmulatedRig) -> None:
     """Show the design on the rig's board, then one fiber after the other, and test the camera."""
     note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
     rig.lights.set(rig.design.drive)
-    if not rig.board.wait_for((255 * rig.design.drive).astype(np.uint8)):
+    if not rig.board.wait_for(rig.lights.channels.levels(rig.design.drive, rig.lights.limits)):
         raise AssertionError("the board does not show the design")
     lit = list(sweep(rig.lights, rig.design.drive))
-    self_test(rig.camera(), rig.lights, rig.dim_power(), 0.0)
+    self_test(rig.camera(), rig.lights, rig.dim_power(), 0.0, rig.scene.palette)
     note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
 
 
@@ -214,16 +223,19 @@ def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
     healthy = colors("commission", rig.camera(), rig.design.drive)
     record = commission(prediction, healthy, rig.scene, 0.0)
     prediction = replace(prediction, response=record.response)
-    found = {}
+    found, faulty = {}, _faulty(rig, record.response)
     with ProgressBar("Checking") as bar:
-        for number, (name, camera, power) in enumerate(_faulty(rig)):
+        for number, (name, camera, power) in enumerate(faulty):
             found[name] = check_sweep(prediction, colors(name, camera, power), known, record.ratio)
-            bar(Progress(number + 1, 4))
+            bar(Progress(number + 1, len(faulty)))
     return found
 
 
-def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
-    """Return the rig at later starts: name, camera with drift and noise of its own, powers."""
+def _faulty(rig: EmulatedRig, response: Array) -> list[tuple[str, EmulatedCamera, Array]]:
+    """Return the rig at later starts: name, camera with drift and noise of its own, powers.
+
+    Colors are swapped where ``response`` ``(color, channel)`` says that the camera sees it.
+    """
     starts = itertools.count(1)
 
     def weaker(fiber: int, factor: float) -> EmulatedCamera:
@@ -235,15 +247,22 @@ def _faulty(rig: EmulatedRig) -> list[tuple[str, EmulatedCamera, Array]]:
             rig.camera(truth=replace(rig.truth, power=power)), seed=rig.truth.seed + start
         )
 
-    dead, weak, wrong = FAULTY if len(rig.design.phi) > max(FAULTY) else (0, 1, 2)
-    swapped = rig.design.drive.copy()
-    swapped[wrong] = np.roll(swapped[wrong], 1)
-    return [
-        ("healthy", weaker(0, 1.0), rig.design.drive),
-        (f"fiber {dead} dead", weaker(dead, 0.0), rig.design.drive),
-        (f"fiber {weak} at half power", weaker(weak, 0.5), rig.design.drive),
-        (f"fiber {wrong} with swapped colors", weaker(0, 1.0), swapped),
+    last = len(rig.design.phi) - 1
+    dead, weak, wrong = FAULTY if last >= max(FAULTY) else (min(one, last) for one in range(3))
+    drive = rig.design.drive
+    found = [
+        ("healthy", weaker(0, 1.0), drive),
+        (f"fiber {dead} dead", weaker(dead, 0.0), drive),
+        (f"fiber {weak} at half power", weaker(weak, 0.5), drive),
     ]
+    rolled = [np.roll(drive[wrong], step) for step in range(1, drive.shape[1])]
+    others = swapped_powers(drive[wrong], response)
+    visible = [one for one in rolled if any(np.array_equal(one, other) for other in others)]
+    if visible:
+        swapped = drive.copy()
+        swapped[wrong] = visible[0]
+        found.append((f"fiber {wrong} with swapped colors", weaker(0, 1.0), swapped))
+    return found
 
 
 def compare_with_truth(
@@ -257,14 +276,14 @@ def compare_with_truth(
         (name, true, known[name]["value"], known[name]["interval"]) for name, true in values
     ]
     if result["response"] is not None:
-        response = truth.imperfections.response
+        response, palette = truth.imperfections.response, scene.palette
         # Relative to the value that was found to be the largest.
-        largest = np.argmax([result["response"][color]["value"] for color in RGB.names])
+        largest = np.argmax([result["response"][color]["value"] for color in palette.names])
         response = response / response.flat[largest]
-        for color, of_color in zip(RGB.names, response, strict=True):
+        for color, of_color in zip(palette.names, response, strict=True):
             found = result["response"][color]
             compared += zip(
-                [f"{color} in {channel}" for channel in RGB.names], of_color.tolist(),
+                [f"{color} in {channel}" for channel in palette.channels], of_color.tolist(),
                 found["value"], found["interval"], strict=True,
             )  # fmt: skip
     return [

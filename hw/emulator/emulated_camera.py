@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hw.camera.photo_set import FULL_SCALE
-from hw.camera.projection import rotation
+from hw.camera.projection import remapped, rotation
 from hw.emulator.emulated_board import EmulatedBoard
+from optimize.mounting import leds_per_fiber
 from render.arrays import Array
 from render.geometry import lens_directions, lens_positions
+from render.scene import RGB
 from tactilux import Scene
 
 NOISE_40_DB = FULL_SCALE / 100
@@ -33,21 +35,24 @@ class CameraImperfections:
         vignetting: part of light lost at the image's corners, growing with the square of the
             distance from its middle.
         tilt: rad, rotations of the camera about its x, y and viewing axes.
-        gain: ``(3,)`` relative sensitivity of the channels.
-        leak: ``(3, 3)`` part of each LED color that each channel sees beside its own.
+        gain: ``(channel,)`` relative sensitivity of the channels.
+        leak: ``(color, channel)`` part of each LED color that each channel sees beside what it is
+            said to.
+        seen: ``(color, channel)`` what channels are said to see of each LED color.
     """
 
     noise: float = NOISE_40_DB
     black: float = 8.0
     vignetting: float = 0.0
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gain: tuple[float, ...] = (1.0, 1.0, 1.0)
     leak: tuple[tuple[float, ...], ...] = ((0.0,) * 3,) * 3
+    seen: tuple[tuple[float, ...], ...] = RGB.response
 
     @property
     def response(self) -> Array:
         """What each LED color adds to each channel, ``(color, channel)``, relative."""
-        return np.asarray((np.eye(3) + np.array(self.leak)) * self.gain)
+        return np.asarray((np.array(self.seen) + np.array(self.leak)) * self.gain)
 
 
 @dataclass(eq=False)
@@ -55,8 +60,8 @@ class EmulatedCamera:
     """A camera that looks at the fibers that the board lights.
 
     ``images`` ``(fiber, row, column[, channel])`` are true radiance per unit power at any size,
-    ``exposure`` counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, 3)`` the true
-    strength of each fiber, which LED ``i`` of the board feeds.
+    ``exposure`` counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, color)`` the
+    true strength of each fiber, which LED ``i`` of the board feeds, or as many LEDs as it takes.
     """
 
     scene: Scene
@@ -73,9 +78,12 @@ class EmulatedCamera:
         self._seen = seen_by(self.scene, self.images, self.imperfections)
 
     def capture(self, frames: int = 1) -> Array:
-        """Return the mean of ``frames`` photographs, counts ``(row, column, 3)``."""
+        """Return the mean of ``frames`` photographs, counts ``(row, column, channel)``."""
         power = np.atleast_2d(self.power.T).T
-        lit = self.board.levels[: len(self.images)] / 255.0 * power
+        fibers, colors = len(self.images), len(self.imperfections.seen)
+        each = leds_per_fiber(colors)
+        levels = self.board.levels[: fibers * each].reshape(fibers, 3 * each)[:, :colors]
+        lit = levels / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
         axes = "fyx,fc->yxc" if self._seen.ndim == 3 else "fyxc,fc->yxc"
         seen_power = lit[on] @ self.imperfections.response
@@ -96,8 +104,6 @@ def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImpe
 
     They are ``(fiber, row, column)``, or with one more axis ``channel``.
     """
-    import cv2
-
     rows, columns = scene.camera.rows, scene.camera.columns
     turn = rotation(imperfections.tilt)
     row, column = np.meshgrid(np.arange(rows) + 0.5, np.arange(columns) + 0.5, indexing="ij")
@@ -110,7 +116,7 @@ def seen_by(scene: Scene, images: NDArray[np.float32], imperfections: CameraImpe
     return np.stack(
         [
             # What a tilted camera sees beyond the straight image goes on as it ends.
-            cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) * shade
+            remapped(image, x, y, replicate=True) * shade
             for image in images
         ]
     )

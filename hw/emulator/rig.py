@@ -16,11 +16,13 @@ from hw.calibration.material import material_space
 from hw.calibration.material_table import fiber_images
 from hw.calibration.pad_light import PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup, in_frame, sample_image
+from hw.camera.led_colors import own_channels
 from hw.camera.projection import pad_positions, pixels_of
 from hw.emulator.emulated_camera import CameraImperfections
 from hw.errors import CalibrationError
 from render.arrays import Array
 from render.progress import OnProgress
+from render.scene import Palette
 from tactilux import Scene
 
 Image = NDArray[np.float32]
@@ -73,8 +75,9 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
-        gain=tuple(float(x) for x in rng.uniform(0.85, 1.0, 3)),  # type: ignore[arg-type]
-        leak=_random_leak(seed),
+        gain=tuple(rng.uniform(0.85, 1.0, len(scene.palette.channels)).tolist()),
+        leak=_random_leak(scene.palette, seed),
+        seen=scene.palette.response,
     )
     fibers = scene.lamp_count
     return TrueParameters(
@@ -87,9 +90,17 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     )
 
 
-def _random_leak(seed: int) -> tuple[tuple[float, ...], ...]:
-    """Return up to 8 % of each LED color in each channel that is not its own."""
-    leak = np.random.default_rng([seed, 78]).uniform(0.0, 0.08, (3, 3)) * (1 - np.eye(3))
+def _random_leak(palette: Palette, seed: int) -> tuple[tuple[float, ...], ...]:
+    """Return up to 8 % of each LED color in each channel that is not its own.
+
+    Where a channel is not one color's alone, its LEDs are also up to 15 % stronger or weaker than
+    they are said to be: gains of channels do not make up for that.
+    """
+    response, own = palette.matrix, own_channels(palette.matrix)
+    leak = np.random.default_rng([seed, 78]).uniform(0.0, 0.08, own.shape) * ~own
+    shared = own & ((own.sum(axis=0) > 1) | (own.sum(axis=1, keepdims=True) > 1))
+    strength = np.random.default_rng([seed, 80]).uniform(-0.15, 0.15, own.shape)
+    leak = np.where(shared, response * strength, leak)
     return tuple(map(tuple, leak.tolist()))
 
 

@@ -4,7 +4,8 @@ A random rig has random directions and colors, and differs from the model as rea
 model's own error (smooth over the pad and over directions), manufacturing tolerances, what drifts
 between two starts, the camera's gains and its noise. Where light depends on the channel, many of
 its fibers shine in two colors, channels see LEDs of other colors too, and the model errs otherwise
-in each channel.
+in each channel. LEDs may be of any colors: where channels see several, LEDs are stronger or weaker
+than they are said to be.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hw.check.camera_response import measured_response
 from hw.check.commission import RigRecord, commission
 from hw.check.diagnosis import Diagnosis, FiberState
 from hw.check.image_check import check_image
@@ -27,7 +29,7 @@ from hw.check.rig_tolerances import (
     TURN_DRIFT,
     rig_tolerances,
 )
-from hw.check.sweep_check import check_sweep, measured_response
+from hw.check.sweep_check import check_sweep
 from render.arrays import Array
 from render.scene import load_scene
 
@@ -58,6 +60,8 @@ class RigSpread:
         shift: relative change of single sites between two starts (camera moved in its seat).
         pixel_noise: counts; 2.55 is 40 dB below full scale.
         pixels, frames: averaged for every site of a sweep.
+        strength: most that an LED is seen stronger or weaker than the response says, where channels
+            see several colors.
     """
 
     power: float = 0.08
@@ -75,6 +79,7 @@ class RigSpread:
     pixel_noise: float = 2.55
     pixels: int = 700
     frames: int = 16
+    strength: float = 0.15
 
     @property
     def noise(self) -> float:
@@ -123,9 +128,11 @@ class RandomRig:
         """Draw the rig."""
         fibers = len(prediction.phi)
         phi = rng.uniform(np.radians(20.0), np.radians(160.0), fibers)
-        color = rng.integers(0, 3, fibers)
+        response = prediction.response
+        colors, channels = response.shape
+        color = rng.integers(0, colors, fibers)
         by_channel = prediction.table.ndim == 4
-        power, leak = np.eye(3)[color], np.zeros((3, 3))
+        power, leak = np.eye(colors)[color], np.zeros(response.shape)
         if by_channel:
             # The first fibers, three of each color, shine in that one alone.
             color[:9] = np.arange(9) % 3
@@ -133,8 +140,10 @@ class RandomRig:
             mixed = rng.integers(0, 2, fibers) * (np.arange(fibers) >= 9)
             power = np.eye(3)[color] + 0.5 * mixed[:, None] * np.eye(3)[second]
             leak = rng.uniform(0.0, spread.leak, (3, 3)) * (1 - np.eye(3))
+        elif not np.array_equal(response, np.eye(3)):
+            leak = response * rng.uniform(-spread.strength, spread.strength, response.shape)
         self.prediction = PadPrediction(
-            phi, power, prediction.nodes, prediction.table, prediction.score, 0.0
+            phi, power, prediction.nodes, prediction.table, prediction.score, 0.0, response
         )
         self._rng, self._spread = rng, spread
         error = spread.model * _smooth_fields(prediction.nodes, sites, fibers, spread, rng)
@@ -144,19 +153,19 @@ class RandomRig:
             error = np.sqrt(1 - part**2) * error[..., None] + spread.channel * np.stack(own, -1)
         table = prediction.table * np.exp(error)
         self._truth = PadPrediction(
-            phi, power, prediction.nodes, table, 0.0, 0.0, response=np.eye(3) + leak
+            phi, power, prediction.nodes, table, 0.0, 0.0, response=response + leak
         )
         self._turn = spread.turn * rng.standard_normal(fibers)
         self._power = np.exp(spread.power * rng.standard_normal(fibers))
-        gain = np.exp(spread.gain * rng.standard_normal(3))
+        gain = np.exp(spread.gain * rng.standard_normal(channels))
         # The sweep is exposed so that the brightest fiber fills most of the range.
-        self._gain = 200.0 / prediction.table.max() * gain
+        self._gain = 200.0 / (prediction.table.max() * response.max()) * gain
         self._gain_all = gain * 200.0 / (self.prediction.together.max() * gain.max())
 
     def start(self) -> Callable[[str, int], tuple[Array, Array]]:
         """Return the rig at one start, after its drift: captures by fault and faulty fiber.
 
-        A capture is the sweep ``(fiber, site, 3)`` and the image of all ``(site, 3)``.
+        A capture is the sweep ``(fiber, site, channel)`` and the image of all ``(site, channel)``.
         """
         rng, spread = self._rng, self._spread
         fibers, sites = len(self._turn), self._truth.table.shape[2]
@@ -164,24 +173,28 @@ class RandomRig:
         power = self._power * np.exp(spread.power_drift * rng.standard_normal(fibers))
         drift = np.exp(spread.gain_drift * rng.standard_normal())
         moved = np.exp(spread.shift * rng.standard_normal(sites))
-        noise = rng.standard_normal((fibers, sites, 3)), rng.standard_normal((sites, 3))
+        colors, channels = self._truth.response.shape
+        noise = (
+            rng.standard_normal((fibers, sites, channels)),
+            rng.standard_normal((sites, channels)),
+        )
         side = rng.choice([-1.0, 1.0])
-        roll = int(rng.integers(1, 3))
+        roll = int(rng.integers(1, colors)) if colors > 1 else 0
 
         def capture(fault: str, fiber: int) -> tuple[Array, Array]:
             phi, strength = self._truth.phi + turn, power.copy()
-            colors = self._truth.power.copy()
+            lit = self._truth.power.copy()
             if fault == "dead":
                 strength[fiber] = 0.0
             elif fault == "half power":
                 strength[fiber] *= 0.5
             elif fault == "swapped":
-                colors[fiber] = np.roll(colors[fiber], roll)
+                lit[fiber] = np.roll(lit[fiber], roll)
             elif fault == "10 deg off":
                 phi[fiber] += side * np.radians(10.0)
             light = self._truth.tinted(np.clip(phi, 0.0, np.pi)[:, None])[:, 0]
-            lit = strength[:, None] * (colors @ self._truth.response)
-            alone = light * moved[:, None] * lit[:, None, :] * drift
+            seen = strength[:, None] * (lit @ self._truth.response)
+            alone = light * moved[:, None] * seen[:, None, :] * drift
             together = alone.sum(axis=0) * self._gain_all
             return (
                 alone * self._gain + spread.noise * noise[0],

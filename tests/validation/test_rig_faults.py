@@ -13,6 +13,7 @@ from hw.check.prediction import PadPrediction, predict
 from render.geometry import flat_sites
 from render.scene import load_scene
 from surrogate.runtime import Checker
+from tests.hw.palettes import RESPONSES, matrix
 from tests.hw.random_rigs import MAX_FALSE_ALARMS, MIN_RECALL, Recall, RigSpread, measure_recall
 from tests.long import LONG
 
@@ -76,6 +77,25 @@ def test_skins_with_an_albedo_per_channel_keep_the_bound_but_for_turned_fibers_o
     assert min(best.found.values()) >= MIN_RECALL
     # What LEDs of one fiber drift apart hides a part of what two of them say of a turn.
     assert turned >= 0.85
+
+
+@pytest.mark.parametrize("name", RESPONSES)
+def test_rigs_of_any_leds_keep_the_bound_before_any_camera(
+    prediction: PadPrediction, name: str
+) -> None:
+    response = matrix(name)
+    rig = replace(prediction, response=response, power=np.ones((20, len(response))))
+    found = measure_recall(rig, SITES, rigs=RIGS, seed=0)
+    print(f"\n{RIGS} random rigs, {name}, seed 0", *map(told, found), sep="\n")
+    best = found[0]
+    if len(response) == 1:
+        # There is no other color.
+        del best.found["swapped"]
+    # Turned fibers change the light of a camera of several channels no more than that of one.
+    assert best.found.pop("10 deg off") >= 0.8
+    assert min(best.found.values()) >= MIN_RECALL
+    alarms = round(best.false_alarms * RIGS)
+    assert binomtest(alarms, RIGS, MAX_FALSE_ALARMS, "greater").pvalue > 0.05
 
 
 def test_ideal_rigs_have_no_missed_faults(prediction: PadPrediction) -> None:

@@ -50,6 +50,16 @@ def test_every_direction_lands_where_the_camera_has_it(tmp_path: Path, fisheye: 
     np.testing.assert_allclose(found[row, column][inside], wanted[inside], atol=0.005)
 
 
+@pytest.mark.parametrize("channels", [1, 4, 6])
+def test_any_number_of_channels_is_dewarped_alike(tmp_path: Path, channels: int) -> None:
+    dewarp = Dewarp(load_lens(lens_file(tmp_path)), SCENE)
+    photo = np.random.default_rng(0).uniform(0, 255, (480, 640, channels))
+    found = dewarp(photo)
+    assert found.shape == (SCENE.camera.rows, SCENE.camera.columns, channels)
+    last = dewarp(np.repeat(photo[..., -1:], 3, axis=-1))[..., 0]
+    assert np.array_equal(found[..., -1], last)
+
+
 def test_another_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="640 x 480"):
         Dewarp(load_lens(lens_file(tmp_path)), SCENE)(np.zeros((100, 100, 3)))

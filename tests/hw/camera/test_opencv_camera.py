@@ -79,3 +79,25 @@ def test_too_many_dropped_frames_raises_one_clear_error(recording: str) -> None:
     with pytest.raises(CameraError, match="no more frames"):
         camera.capture(2)
     camera.close()
+
+
+def test_a_gray_scenes_camera_must_be_gray(recording: str, tmp_path: Path) -> None:
+    color = OpenCVCamera(recording, channels=1, unchecked=True)
+    with pytest.raises(CameraError, match=r"sees colors, by 1\d\d counts, allowed: gray"):
+        color.capture()
+    color.close()
+    path = str(tmp_path / "gray.avi")
+    writer = cv2.VideoWriter(path, cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for _ in range(8):
+        writer.write(np.full((48, 64, 3), 90, dtype=np.uint8))
+    writer.release()
+    gray = OpenCVCamera(path, channels=1, unchecked=True)
+    photo = gray.capture(2)
+    gray.close()
+    assert photo.shape == (48, 64, 1)
+    assert photo.mean() == pytest.approx(90.0, abs=3.0)
+
+
+def test_a_live_camera_of_four_channels_raises_one_clear_error(recording: str) -> None:
+    with pytest.raises(CameraError, match=r"4 channels, allowed for a live one: 1 or 3"):
+        OpenCVCamera(recording, channels=4, unchecked=True)

@@ -102,3 +102,37 @@ def test_over_exposure_is_refused() -> None:
     counts[0, 0, 1] = 255.0
     with pytest.raises(CaptureError, match="over-exposed"):
         check_photo(counts, 6, 4, "photo")
+
+
+GRAY = PIXELS[..., :1]
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_gray_camera_has_gray_pictures(tmp_path: Path, kind: type[np.generic]) -> None:
+    scale = 257 if kind is np.uint16 else 1
+    Image.fromarray((GRAY[..., 0].astype(kind) * scale).astype(kind)).save(tmp_path / "a.png")
+    np.testing.assert_allclose(read_photo(tmp_path / "a.png", 1), GRAY)
+
+
+def test_a_gray_picture_with_three_channels_alike_is_gray(tmp_path: Path) -> None:
+    Image.fromarray(np.repeat(GRAY, 3, axis=-1)).save(tmp_path / "a.png")
+    assert np.array_equal(read_photo(tmp_path / "a.png", 1), GRAY)
+    Image.fromarray(PIXELS).save(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match="it has colors, channels that differ by"):
+        read_photo(tmp_path / "a.png", 1)
+
+
+def test_arrays_have_any_number_of_channels(tmp_path: Path) -> None:
+    many = np.repeat(PIXELS, 2, axis=-1)[..., :5]
+    np.save(tmp_path / "a.npy", many)
+    np.save(tmp_path / "b.npy", GRAY[..., 0])
+    assert np.array_equal(read_photo(tmp_path / "a.npy", 5), many)
+    assert np.array_equal(read_photo(tmp_path / "b.npy", 1), GRAY)
+    with pytest.raises(CaptureError, match=r"shape \(6, 4, 5\), allowed: \(rows, columns, 4\)"):
+        read_photo(tmp_path / "a.npy", 4)
+
+
+def test_a_picture_of_a_camera_of_four_channels_raises_one_clear_error(tmp_path: Path) -> None:
+    Image.fromarray(PIXELS).save(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match=r"4 channels, which \.npy files alone have"):
+        read_photo(tmp_path / "a.png", 4)

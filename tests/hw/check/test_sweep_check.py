@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hw.check.camera_response import channel_gains, measured_response
 from hw.check.diagnosis import FiberState
 from hw.check.prediction import PadPrediction
 from hw.check.rig_tolerances import STARTS, rig_tolerances
-from hw.check.sweep_check import channel_gains, check_sweep, measured_response
+from hw.check.sweep_check import check_sweep
 from hw.errors import CaptureError
 from render.arrays import Array
 
