@@ -161,8 +161,8 @@ class Answers:
     @property
     def edge_colors(self) -> dict[str, str]:
         """The color of each edge with lamps."""
-        usual = {"left": "red", "tip": "blue", "right": "green", "base": "red"}
-        chosen = self.colors or tuple(usual[edge] for edge in self.lit)
+        usual = ("red", "blue", "green", "red")
+        chosen = self.colors or usual[: len(self.lit)]
         if len(chosen) == 1:
             chosen *= len(self.lit)
         return dict(zip(self.lit, chosen, strict=True))
@@ -376,11 +376,20 @@ def _sites(answers: Answers, camera: _Camera) -> str:
 
 
 def _other_colors(answers: Answers) -> list[str]:
-    """Return the LEDs, where one is other than red, green and blue."""
-    if "white" not in answers.colors:
+    """Return the LEDs, where they are other than red, green and blue.
+
+    A baseline of one color has no hue to score by. So where all edges have the same, there is no
+    LED of another.
+    """
+    used = set(answers.edge_colors.values())
+    if len(used) > 1 and "white" not in used:
         return []
     lines = ["", "# What the channels red, green and blue of the camera see of each LED."]
+    if len(used) == 1:
+        lines.append("# All have one color, so that scores know brightness alone.")
     for name, response in COLORS.items():
+        if len(used) == 1 and name not in used:
+            continue
         shown = f'{{ value = {list(response)}, source = "assumed: no overlap of channels" }}'
         lines += ["[[colors]]", f'name = "{name}"', f"response = {shown}", ""]
     return lines

@@ -26,6 +26,7 @@ from optimize.scoring import open_model
 from render.describe import describe
 from render.errors import SceneError
 from render.geometry import camera_coverage
+from render.scale import scene_scale
 from render.scene import load_scene, sources
 from render.scene.new_scene import LAMPS, QUESTIONS, Answers, scene_file
 from render.scene.scene_file import scene_from_text
@@ -64,7 +65,19 @@ def test_flags_become_values_that_say_so(tactilux: Run) -> None:
 
 def test_one_color_is_that_of_all_edges(tactilux: Run) -> None:
     assert tactilux("new", "--out", "white.toml", "--colors", "white", "--base", 2).code == 0
-    assert set(load_scene("white.toml").baseline_colors()) == {"white"}
+    scene = load_scene("white.toml")
+    assert set(scene.baseline_colors()) == {"white"}
+    assert scene.palette.names == ("white",)
+    # Hue says nothing there, and the scale of scores does without it.
+    assert scene_scale(scene).lam == 0
+
+
+@pytest.mark.parametrize("unlit", [("--left", 0, "--tip", 0), ("--tip", 0, "--right", 0)])
+def test_lit_edges_differ_in_color_by_default(tactilux: Run, unlit: tuple[object, ...]) -> None:
+    assert tactilux("new", "--out", "two.toml", "--base", 3, *unlit).code == 0
+    scene = load_scene("two.toml")
+    assert set(scene.baseline_colors()) == {"red", "blue"}
+    assert scene_scale(scene).lam > 0
 
 
 def test_new_fibers_are_those_that_jigs_and_calibration_know(tactilux: Run) -> None:
