@@ -13,7 +13,7 @@ import jinja2
 
 from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
-from render.preview.converged.color_noise import MAX_ROUNDS, NOISE_LIMIT
+from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene, shipped_scenes
 from render.sensor_drawing import sensor_svg
 
@@ -131,6 +131,5 @@ def noise_warning(photon_noise: float | None) -> list[str]:
         return []
     return [
         f"The converged preview's photons leave noise of {photon_noise:.1%} in its colors, more "
-        f"than {NOISE_LIMIT:.0%}, after {MAX_ROUNDS} times as many as usual: intervals are wider "
-        "for it; let renders decide (tactilux verify)."
+        f"than {NOISE_LIMIT:.0%}: intervals are wider for it; let renders decide (tactilux verify)."
     ]
