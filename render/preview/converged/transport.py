@@ -9,7 +9,6 @@ mixes facets as in the shader's preview (`render.preview.facet_blur`).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -33,8 +32,6 @@ from render.preview.converged.block import (
     bent_block,
     cell_count,
     face_grid,
-    orthonormal_terms,
-    patch_counts,
     term_count,
     wide_from,
 )
@@ -43,28 +40,14 @@ from render.preview.converged.color_noise import (
     NOISE_LIMIT,
     Halved,
     color_noise,
-    halved_product,
-    halved_sum,
 )
 from render.preview.converged.exit_field import exit_field
-from render.preview.converged.gathering import (
-    NO_SIGHTS,
-    Gathered,
-    Starts,
-    facet_points,
-    gathered,
-    patch_points,
-    site_points,
-)
-from render.preview.converged.walks import Block, FaceGrid
+from render.preview.converged.irradiance import Gathering, field_of, irradiance
+from render.preview.converged.walks import FaceGrid
 from render.preview.facet_blur import facet_blurs, lines_of_sight
 from render.progress import Clock
 from render.scene import Scene
 
-BATCH = 16
-"""Starts that are multiplied with the exit field at a time, which bounds the memory."""
-MINOR = 8
-"""Patches and feet of facets, which count little, have so many times fewer paths than facets."""
 FIELD_COST = 2
 """Times that a photon of an exit field takes longer than a path from a facet."""
 FEWEST_ARRIVALS = 1000
@@ -191,16 +174,18 @@ def transport_at(
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         spread = _exit_fields(paths, pool)
         followed = [_arrivals(paths, pool, effort.rounds * seed)]
-        pressed = _Gathering(paths, pool, spread, pressed=True)
-        untouched = _Gathering(paths, pool, spread, pressed=False)
+        pressed, untouched = (
+            Gathering(scene, bend, block, spread, effort.paths, clock, pool, sights, seed)
+            for block in (paths.pressed, paths.untouched)
+        )
         facets, feet, spots = pressed.facets(), pressed.feet(), untouched.sites()
         while True:
             arrived = _mean(followed)
             sent = pressed.sent(arrived), untouched.sent(arrived)
             lit = (
-                _irradiance(facets, _field_of(arrived, "facets"), sent[0]),
-                _irradiance(feet, _field_of(arrived, "feet"), sent[0]),
-                _irradiance(spots, _field_of(arrived, "spots"), sent[1]),
+                irradiance(facets, field_of(arrived, "facets"), sent[0]),
+                irradiance(feet, field_of(arrived, "feet"), sent[0]),
+                irradiance(spots, field_of(arrived, "spots"), sent[1]),
             )
             parts = [
                 _seen(paths.columns, len(phi), blur, arrived.whole.grain, channels, *each)
@@ -322,147 +307,3 @@ def _mean(followed: list[Halved[Arrivals]]) -> Halved[Arrivals]:
         for each in zip(*followed, strict=True)
     )
     return Halved(whole._replace(grain=whole.grain / len(followed)), difference)
-
-
-def _field_of(arrived: Halved[Arrivals], name: str) -> Halved[Array]:
-    return Halved(getattr(arrived.whole, name), getattr(arrived.difference, name))
-
-
-class _Products(NamedTuple):
-    """Mean radiance from the layer ``(item, column)``, and parts of it from patches."""
-
-    direct: Halved[Array]
-    ends: Halved[Array]
-
-
-def _irradiance(
-    products: _Products, arrived: Halved[Array], sent: list[Halved[Array]]
-) -> list[Halved[Array]]:
-    """Return that of items in the shape of ``arrived``, ``(..., column)``, by albedo.
-
-    In 1/mm^2 per unit power; ``sent`` ``(patch, column)`` is what the patches send.
-    """
-    shape = arrived.whole.shape
-    flat = Halved(*(each.reshape(products.direct.whole.shape) for each in arrived))
-    direct = halved_sum(products.direct, flat)
-    lit = (halved_sum(direct, halved_product(products.ends, each)) for each in sent)
-    return [Halved(*((np.pi * each).reshape(shape) for each in one)) for one in lit]
-
-
-class _Gathering:
-    """What points of one pad, pressed or untouched, get of its lamps' exit field and each other.
-
-    What comes straight and how much points get of each other is followed once, whatever the albedo
-    of the coating and the light that arrives by itself.
-    """
-
-    def __init__(
-        self, paths: _Paths, pool: ThreadPoolExecutor, field: Halved[Array], *, pressed: bool
-    ) -> None:
-        self._paths, self._pool, self._field = paths, pool, field
-        scene, self._seed = paths.scene, paths.seed
-        self._scene, self._bend, self._effort = scene, paths.bend, paths.effort
-        self._block: Block = paths.pressed if pressed else paths.untouched
-        self._grid: FaceGrid | None = paths.grid if len(field.whole) else None
-        self._terms = None if self._grid is None else orthonormal_terms(self._grid)
-        columns, rows = patch_counts(scene)
-        self._patches = columns * rows
-        few = max(self._effort.paths // MINOR, 1)
-        self._of_patches = self._products(
-            range(self._patches), lambda i: patch_points(scene, self._block, i, few, self._seed)
-        )
-
-    def sent(self, arrived: Halved[Arrivals]) -> list[Halved[Array]]:
-        """Return what patches send of all light ``(patch, column)``, by albedo of the coating."""
-        direct, ends = self._of_patches
-        lit = halved_sum(direct, _field_of(arrived, "patches"))
-        sent = list[Halved[Array]]()
-        for albedo in self._scene.albedos:
-            system = np.eye(self._patches) - albedo * ends.whole
-            whole = np.linalg.solve(system, albedo * lit.whole)
-            changed = lit.difference + ends.difference @ whole
-            sent.append(
-                Halved(np.asarray(whole), np.asarray(np.linalg.solve(system, albedo * changed)))
-            )
-        return sent
-
-    def facets(self) -> _Products:
-        """Return that of facets ``(site * facet, column)``."""
-        faces, paths = self._scene.indenter.faces, self._effort.paths
-        sites = counted_sites(self._scene)
-        return self._products(
-            range(len(sites) * faces),
-            lambda i: facet_points(
-                self._scene,
-                self._bend,
-                sites[i // faces],
-                i % faces,
-                paths,
-                self._onto(i // faces, i % faces),
-                self._seed,
-            ),
-            ticks=True,
-        )
-
-    def feet(self) -> _Products:
-        """Return that of the coating before the facets ``(site * facet, column)``."""
-        faces, few = self._scene.indenter.faces, max(self._effort.paths // MINOR, 1)
-        sites = counted_sites(self._scene)
-        return self._products(
-            range(len(sites) * faces),
-            lambda i: site_points(
-                self._scene,
-                self._bend,
-                sites[i // faces],
-                i % faces,
-                few,
-                self._onto(i // faces, faces),
-                self._seed,
-            ),
-        )
-
-    def sites(self) -> _Products:
-        """Return that of the spots ``(site, column)``."""
-        sites, paths = counted_sites(self._scene), self._effort.paths
-        return self._products(
-            range(len(sites)),
-            lambda i: site_points(
-                self._scene,
-                self._bend,
-                sites[i],
-                None,
-                paths,
-                self._onto(i, self._scene.indenter.faces + 1),
-                self._seed,
-            ),
-            ticks=True,
-        )
-
-    def _onto(self, index: int, part: int) -> Array:
-        """Return lines of sight ``(sight, 3)`` onto a part of a site that counts, if any."""
-        sights = self._paths.sights
-        return NO_SIGHTS if sights is None else sights[index, part]
-
-    def _products(
-        self, items: range, starts: Callable[[int], Starts], ticks: bool = False
-    ) -> _Products:
-        """Return what ``items`` get of the exit field and of patches."""
-
-        def one(i: int) -> Halved[Gathered]:
-            found = gathered(starts(i), self._block, self._grid, self._patches, self._terms)
-            if ticks:
-                self._paths.clock.tick()
-            return found
-
-        direct, ends = list[Halved[Array]](), list[Halved[Array]]()
-        for first in range(0, len(items), BATCH):
-            found = list(self._pool.map(one, items[first : first + BATCH]))
-            terms = Halved(
-                *(np.stack([one.terms for one in each]) for each in zip(*found, strict=True))
-            )
-            direct.append(halved_product(terms, self._field))
-            ends += [Halved(whole.patches, difference.patches) for whole, difference in found]
-        return _Products(
-            Halved(*(np.concatenate(each) for each in zip(*direct, strict=True))),
-            Halved(*(np.stack(each) for each in zip(*ends, strict=True))),
-        )
