@@ -41,13 +41,3 @@ def channel_label(palette: Palette, channel: int) -> str:
     """Return how a channel is called in a sentence: its initial for red, green and blue."""
     name = palette.channels[channel]
     return name[0].upper() if palette.channels == RGB.channels else name
-
-
-def all_of(names: tuple[str, ...]) -> str:
-    """Return names as a sentence lists them.
-
-    >>> all_of(("white",)), all_of(("red", "green", "blue"))
-    ('white', 'red, green and blue')
-    """
-    *most, last = names
-    return f"{', '.join(most)} and {last}" if most else last

@@ -17,6 +17,8 @@ ENOUGH_FIBERS = 3
 """Fibers in a channel from which on one that is faulty does not move their median."""
 MAX_MISMATCH = 2.0
 """Factor within which a color is seen as the scene says: beyond, it is another color."""
+MEDIAN_ROUNDS = 20
+"""Of Tukey's median polish (1977), which converges in a few."""
 
 
 def measured_response(prediction: PadPrediction, colors: Array, *, recorded: bool = False) -> Array:
@@ -128,10 +130,6 @@ def _groups(seen: NDArray[np.bool_]) -> list[list[int]]:
     reached = np.linalg.matrix_power(step, count)
     groups = {tuple(np.nonzero(row)[0].tolist()) for row in reached}
     return sorted(list(group) for group in groups if len(group) > 1)
-
-
-MEDIAN_ROUNDS = 20
-"""Of Tukey's median polish (1977), which converges in a few."""
 
 
 def _compared_gains(got: Array, wanted: Array, seen: NDArray[np.bool_]) -> Array:

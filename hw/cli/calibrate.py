@@ -106,7 +106,6 @@ def color_folders(
     Raises:
         CalibrationError: no such color, one twice, or some of them alone.
     """
-    from hw.camera.led_colors import all_of
     from hw.errors import CalibrationError
 
     given = [(f"--{name}", name, folder) for name, folder in options.items() if folder]
@@ -130,10 +129,20 @@ def color_folders(
     if len(folders) not in (0, len(names)):
         options_of = [f"--{name}" if name in options else f"--color {name}=" for name in names]
         raise CalibrationError(
-            f"{len(folders)} of {all_of(tuple(options_of))} are given, allowed: all or none",
+            f"{len(folders)} of {_listed(options_of)} are given, allowed: all or none",
             field="response",
         )
     return [folders[name] for name in names if name in folders]
+
+
+def _listed(names: list[str]) -> str:
+    """Return names as a sentence lists them.
+
+    >>> _listed(["--color white="]), _listed(["--red", "--green", "--blue"])
+    ('--color white=', '--red, --green and --blue')
+    """
+    *most, last = names
+    return f"{', '.join(most)} and {last}" if most else last
 
 
 def print_calibration(stream: IO[str], result: dict[str, Any]) -> None:

@@ -111,9 +111,7 @@ def sweep_photos(
         )
 
 
-def only_light(
-    white: float | None, color: str | None, names: tuple[str, ...] = ("red", "green", "blue")
-) -> Array:
+def only_light(white: float | None, color: str | None, names: tuple[str, ...]) -> Array:
     """Return the light ``(color,)`` that stands for the design's: all LEDs, or one color of it.
 
     ``names`` are those of the LED colors.

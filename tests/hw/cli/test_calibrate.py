@@ -11,7 +11,7 @@ from PIL import Image
 
 from hw.cli.capture import only_light
 from optimize.design import baseline_design, save_design
-from render.scene import load_scene
+from render.scene import RGB, load_scene
 from tests.conftest import Run
 
 SIZE = (360, 600)
@@ -96,6 +96,6 @@ def test_a_capture_in_a_color_that_no_led_has_raises_one_clear_error(
 
 
 def test_the_light_of_a_capture_is_white_or_one_color() -> None:
-    assert only_light(0.5, None).tolist() == [0.5, 0.5, 0.5]
-    assert only_light(None, "green").tolist() == [0.0, 1.0, 0.0]
-    assert only_light(0.15, "blue").tolist() == [0.0, 0.0, 0.15]
+    assert only_light(0.5, None, RGB.names).tolist() == [0.5, 0.5, 0.5]
+    assert only_light(None, "green", RGB.names).tolist() == [0.0, 1.0, 0.0]
+    assert only_light(0.15, "blue", RGB.names).tolist() == [0.0, 0.0, 0.15]
