@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from render.preview.converged import converged_transport
+from render.preview.converged import ConvergedTransport, refinements
 from render.progress import OnProgress, Progress
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
@@ -15,8 +15,11 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
 from surrogate.training.finished_parts import FinishedParts
 
-MAX_FRACTION = 0.25
-"""Part of the time that following light may take from renders and fit."""
+MAX_FRACTION = 0.5
+"""Part of the time that following light may take from renders and fit. It is worth more: what
+minutes of renders know of a color is noisier than the converged preview."""
+NOISE_GOAL = 0.01
+"""Photon noise of a color below which time is better spent on renders."""
 TRIAL_SECONDS = 3.0
 """Of following light, until its estimate is believed."""
 
@@ -50,6 +53,8 @@ class TrainingPreview:
             "error": np.array(astuple(self.error)),
             "converged": np.array(self.converged),
         }
+        if self.grid.photon_noise is not None:
+            named["photon_noise"] = np.array(self.grid.photon_noise)
         if self.grid.slopes is not None and self.left_out is not None:
             named |= {"slopes": self.grid.slopes, "left_out": np.array(astuple(self.left_out))}
         if self.half_width is not None:
@@ -63,6 +68,7 @@ class TrainingPreview:
         if kept is None:
             return None
         left_out, half_width = kept.get("left_out"), kept.get("half_width")
+        noise = kept.get("photon_noise")
         return cls(
             PreviewGrid(
                 kept["log_transport"],
@@ -71,6 +77,7 @@ class TrainingPreview:
                 int(kept["floored"]),
                 kept.get("slopes"),
                 free,
+                None if noise is None else float(noise),
             ),
             InterpolationError(*kept["error"]),
             None if left_out is None else InterpolationError(*left_out),
@@ -88,6 +95,8 @@ def followed_grid(
 ) -> PreviewGrid:
     """Return the grid of the converged preview, or ``grid`` itself where that takes too long.
 
+    Time that is left then goes to light paths as well, until their photon noise is `NOISE_GOAL`.
+
     Arguments:
         grid: as the shader draws it.
         scene: the sensor.
@@ -96,22 +105,36 @@ def followed_grid(
     """
     report = progress or (lambda _: None)
     began = time.monotonic()
+    found: list[ConvergedTransport] = []
 
     def told(at: Progress) -> None:
         if within is not None and at.done < at.total:
             spent = time.monotonic() - began
             needed = spent + (at.eta_seconds or 0.0)
-            if needed > MAX_FRACTION * within and spent > min(TRIAL_SECONDS, 0.1 * within):
+            tried = at.seconds > min(TRIAL_SECONDS, 0.1 * within)
+            if needed > MAX_FRACTION * within and tried:
                 raise TooLongError(f"{needed:.0f} s")
         report(at)
 
     try:
-        return corrected(grid, scene, converged_transport(scene, told))
+        for transport in refinements(scene, NOISE_GOAL, told):
+            found.append(transport)
+            if within is None:
+                break
     except TooLongError as error:
+        if not found:
+            note = (
+                f"Following light to every facet would take {error} of {within:.0f} s: the preview "
+                "stays as the shader draws it. With more minutes, or after `tactilux explore`, it "
+                "is converged."
+            )
+            report(Progress(1, 1, note=note))
+            return grid
+    if len(found) > 1:
+        first, last = (float(np.max(each.noise)) for each in (found[0], found[-1]))
         note = (
-            f"Following light to every facet would take {error} of {within:.0f} s: the preview "
-            "stays as the shader draws it. With more minutes, or after `tactilux explore`, it is "
-            "converged."
+            f"Light was followed again at the noisiest bends ({len(found) - 1} x): photon noise of "
+            f"{last:.1%} of a color, {first:.1%} before."
         )
         report(Progress(1, 1, note=note))
-        return grid
+    return corrected(grid, scene, found[-1])

@@ -10,6 +10,7 @@ from render.preview.converged.cache import (
     can_converge,
     converged_transport,
     is_kept,
+    refinements,
     transport_ahead,
 )
 from render.preview.converged.transport import ConvergedTransport, Effort, task_count, transport_at

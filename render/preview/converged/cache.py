@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
 
@@ -60,21 +62,63 @@ def converged_transport(
     effort = effort or EFFORT
     bends = scene.bending.angles
     clock = Clock(len(bends) * task_count(scene, effort), progress)
-    parts = []
-    for bend in bends:
-        file = _file(scene, bend, phi, effort)
-        kept = read_or_drop(file, *ConvergedTransport._fields)
-        if kept is not None:
-            clock.skip(task_count(scene, effort))
-            parts.append(ConvergedTransport(**kept))
-            continue
-        parts.append(transport_at(scene, bend, phi, effort, clock))
-        try:
-            write_npz(file, parts[-1]._asdict())
-        except OSError as error:
-            warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=2)
+    return _over_bends([_run(scene, bend, phi, effort, clock) for bend in bends])
+
+
+def refinements(
+    scene: Scene, goal: float, progress: OnProgress | None = None
+) -> Iterator[ConvergedTransport]:
+    """Yield transport of less and less photon noise, until it is at most ``goal`` at every bend.
+
+    The first is that of `converged_transport`. For each other, all light paths at the noisiest bend
+    were followed once more, with random numbers of their own; it is the mean of all runs. They are
+    kept as well, so what was stopped goes on, and the same number of runs has the same bits.
+
+    Arguments:
+        scene: the sensor.
+        goal: of `ConvergedTransport.noise`, relative, above 0.
+        progress: is told of every lamp and facet of a run.
+    """
+    bends, cost = scene.bending.angles, task_count(scene, EFFORT)
+    clock = Clock(len(bends) * cost, progress)
+    runs = [[_run(scene, bend, NODES, EFFORT, clock)] for bend in bends]
+    while True:
+        means = [_mean_of_runs(each) for each in runs]
+        yield _over_bends(means)
+        noisiest = max(range(len(bends)), key=lambda bend: float(means[bend].noise))
+        if means[noisiest].noise <= goal:
+            return
+        again, clock = runs[noisiest], Clock(cost, progress)
+        again.append(_run(scene, bends[noisiest], NODES, EFFORT, clock, seed=len(again)))
+
+
+def _run(
+    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int = 0
+) -> ConvergedTransport:
+    """Return transport at one bend, kept or followed now."""
+    file = _file(scene, bend, phi, effort, seed)
+    kept = read_or_drop(file, *ConvergedTransport._fields)
+    if kept is not None:
+        clock.skip(task_count(scene, effort))
+        return ConvergedTransport(**kept)
+    found = transport_at(scene, bend, phi, effort, clock, seed)
+    try:
+        write_npz(file, found._asdict())
+    except OSError as error:
+        warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=3)
+    return found
+
+
+def _over_bends(parts: list[ConvergedTransport]) -> ConvergedTransport:
     cells, grain = (np.stack([part[i] for part in parts], axis=2) for i in (0, 1))
     return ConvergedTransport(cells, grain, np.stack([part.noise for part in parts]))
+
+
+def _mean_of_runs(runs: list[ConvergedTransport]) -> ConvergedTransport:
+    """Return the mean of independent runs at one bend; a photon is worth less."""
+    cells, grain = (np.mean([run[i] for run in runs], axis=0) for i in (0, 1))
+    noise = math.hypot(*(float(run.noise) for run in runs)) / len(runs)
+    return ConvergedTransport(cells, grain / len(runs), np.array(noise))
 
 
 def transport_ahead(scene: Scene) -> ConvergedTransport:
@@ -90,6 +134,7 @@ def is_kept(scene: Scene) -> bool:
     return all(_file(scene, bend, NODES, EFFORT).is_file() for bend in scene.bending.angles)
 
 
-def _file(scene: Scene, bend: float, phi: Array, effort: Effort) -> Path:
+def _file(scene: Scene, bend: float, phi: Array, effort: Effort, seed: int = 0) -> Path:
     about = f"{VERSION} {scene.hash} {len(phi)} {bend!r} {astuple(effort)}"
+    about += f" {seed}" if seed else ""
     return cache_folder() / f"converged-{hashlib.sha256(about.encode()).hexdigest()[:16]}.npz"

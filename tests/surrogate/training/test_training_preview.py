@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from render.progress import Progress
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid, draw_grid
+from surrogate.training import training_preview
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.training_preview import TrainingPreview, followed_grid
 from tests.surrogate.conftest import small_scene
@@ -51,12 +53,35 @@ def test_where_that_takes_too_long_the_drawn_preview_stays_and_says_so(
     assert followed_grid(drawn, flat, 1e-3, None) is not drawn
 
 
-def test_it_is_kept_with_its_kind(drawn: PreviewGrid, tmp_path: Path) -> None:
+def test_time_that_is_left_goes_to_more_light_paths_and_is_said(
+    flat: Scene, drawn: PreviewGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    once = followed_grid(drawn, flat, None, None)
+    assert once.photon_noise is not None
+    goal = 0.9 * once.photon_noise
+    monkeypatch.setattr(training_preview, "NOISE_GOAL", goal)
+    told: list[Progress] = []
+    found = followed_grid(drawn, flat, 3600.0, told.append)
+    assert found.photon_noise is not None
+    assert found.photon_noise <= goal
+    assert not np.array_equal(found.log_transport, once.log_transport)
+    said = f"photon noise of {found.photon_noise:.1%} of a color, {once.photon_noise:.1%} before."
+    assert told[-1].note.endswith(said)
+    # Where no time is left it is as it was, whatever is wanted.
+    monkeypatch.setattr(training_preview, "NOISE_GOAL", 1e-9)
+    np.testing.assert_array_equal(
+        followed_grid(drawn, flat, 1e-3, None).log_transport, found.log_transport
+    )
+
+
+def test_it_is_kept_with_its_kind_and_its_noise(drawn: PreviewGrid, tmp_path: Path) -> None:
     parts, error = FinishedParts(tmp_path, "key"), InterpolationError(0.1, 0.2, 0.3)
-    for converged in (False, True):
-        TrainingPreview(drawn, error, None, converged).save(parts)
+    for converged, noise in ((False, None), (True, 0.017)):
+        grid = replace(drawn, photon_noise=noise)
+        TrainingPreview(grid, error, None, converged).save(parts)
         kept = TrainingPreview.load(parts, None)
         assert kept is not None
         assert (kept.error, kept.left_out, kept.converged) == (error, None, converged)
         np.testing.assert_array_equal(kept.grid.log_transport, drawn.log_transport)
+        assert kept.grid.photon_noise == noise
     assert TrainingPreview.load(FinishedParts(tmp_path, "other"), None) is None
