@@ -6,7 +6,8 @@ not asked for.
 
 From the command line, for the factors in ``surrogate.preview_interval``:
 ``python -m tests.validation.test_preview_model 1 2 digit --photons 300000 --keep FOLDER``. Numbers
-are random sensors, names shipped scenes; what was traced is kept in the folder.
+are random sensors, names shipped scenes; what was traced is kept in the folder. ``--models FOLDER``
+adds a row for the model of each that ``tactilux train`` has made there, under the scene's name.
 """
 
 from __future__ import annotations
@@ -162,11 +163,13 @@ def directions(scene: Scene) -> np.ndarray:
 
 
 def measured(
-    scene: Scene, samples: int, photons: int = 0, keep: Path | None = None
-) -> list[tuple[Errors, ScoreErrors]]:
-    """Return the errors of the previews of ``scene``: of the coarse and of the converged one.
+    scene: Scene, samples: int, photons: int = 0, keep: Path | None = None,
+    models: Path | None = None,
+) -> list[tuple[Errors, ScoreErrors]]:  # fmt: skip
+    """Return the errors of the coarse and of the converged preview of ``scene``, and of its model.
 
     Against ``photons`` a lamp, direction and bend, or if none renders with ``samples`` per cell.
+    The last are left out where ``models`` has none of its name.
     """
     phi = directions(scene)
     file = None if keep is None else keep / f"{scene.name}-{scene.hash}-{photons or samples}.npz"
@@ -176,8 +179,8 @@ def measured(
     elif photons:
         truth = traced(scene, phi, photons)
     else:
-        found = render_transport(scene, phi, np.array(scene.bending.angles), samples=samples)
-        truth = Truth(found.T, found.se)
+        cells = render_transport(scene, phi, np.array(scene.bending.angles), samples=samples)
+        truth = Truth(cells.T, cells.se)
     if file is not None:
         write_npz(file, truth._asdict())
     coarse, converged = (preview_checker(scene, coarse=coarse) for coarse in (True, False))
@@ -193,10 +196,15 @@ def measured(
     mean = float(design_score(metric).mean[0])
     noise = converged.photon_noise or 0.0
     stated = converged_half_width(scene, mean, difference, noise) / mean
-    return [
+    found = [
         _measured(scene, phi, truth, coarse, mean, coarse.score_half_width / mean),
         _measured(scene, phi, truth, converged, mean, stated),
     ]
+    if models is not None and (models / scene.name / "checker.onnx").is_file():
+        trained = Checker.for_scene(models / scene.name, scene)
+        half_width = trained.score_half_width / mean
+        found.append(_measured(scene, phi, truth, trained, mean, half_width))
+    return found
 
 
 def _measured(
@@ -293,6 +301,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=80)
     parser.add_argument("--photons", type=int, default=PHOTONS)
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--models", type=Path)
     asked = parser.parse_args()
     titles = (
         "sensor", "light", "color", "noise", "S med", "S 90%", "tau", "noise", "half", "held",
@@ -301,11 +310,12 @@ def main() -> None:
     print("".join(f"{title:>9}" for title in titles))
     calibrating: list[list[ScoreErrors]] = [[], []]
     for name in asked.sensors:
-        found = measured(sensor(name), asked.samples, asked.photons, asked.keep)
-        for (errors, ours), kind in zip(found, calibrating, strict=True):
+        found = measured(sensor(name), asked.samples, asked.photons, asked.keep, asked.models)
+        for i, (errors, ours) in enumerate(found):
             row = "".join(f"{value:9.3f}" for value in astuple(errors))
             print(f"{name:>9.9}{row}", flush=True)
-            kind.append(ours)
+            if i < len(calibrating):
+                calibrating[i].append(ours)
     if len(asked.sensors) < 2:
         return
     for title, kind in zip(("as drawn", "converged"), calibrating, strict=True):
