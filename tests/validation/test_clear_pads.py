@@ -1,5 +1,8 @@
 """Level 2 on pads of all kinds against analog photons: every facet and untouched site, absolutely.
 
+There are as many photons as make their error half of the renders', at most ``PHOTONS`` a lamp:
+more would say nothing.
+
 From the command line, with ratios and z scores per case:
 ``python -m tests.validation.test_clear_pads [--samples N] [--photons N] [CASE ...]``.
 """
@@ -26,6 +29,10 @@ PHI = 1.2
 SAMPLES = 4000 if LONG else 400
 PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
+PILOT = 16
+"""Part of the photons that says how many are needed."""
+LEAST_SHARE = 0.5
+"""Error of the photons, over that of the renders, below which more of them say nothing."""
 
 FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
@@ -79,6 +86,30 @@ def compare(replicates: np.ndarray, se: np.ndarray, oracle: np.ndarray) -> Compa
     )
 
 
+def traced(analog: AnalogScene | BentScene, photons: int) -> np.ndarray:
+    """Return ``(batch, cell)`` of so many photons of each lamp."""
+    lamps = range(analog.scene.lamp_count)
+    return np.concatenate([analog.cells(f, PHI, photons).replicates for f in lamps], axis=1)
+
+
+def estimate_error(replicates: np.ndarray, se: np.ndarray) -> float:
+    """Return the median relative error of rendered cells ``(replicate, cell)``."""
+    mean = replicates.mean(axis=0)
+    lit = mean > 0.0
+    return float(np.median(se[lit] / mean[lit]))
+
+
+def photons_needed(pilot: np.ndarray, known: float, most: int) -> int:
+    """Return the photons that know cells to `LEAST_SHARE` of ``known``, by those of a pilot."""
+    mean, error = pilot.mean(axis=0), stats.sem(pilot, axis=0)
+    lit = mean > 0.0
+    if not lit.any():
+        return most
+    relative = float(np.median(error[lit] / mean[lit]))
+    needed = most / PILOT * (relative / (LEAST_SHARE * known)) ** 2
+    return int(min(max(needed, most / PILOT), most))
+
+
 def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[Comparison]:
     """Render a case, trace it, and return the comparison of its facets and of its sites."""
     scene = scene_of_case(case)
@@ -102,9 +133,9 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
         planes = not bend and scene.skin is scene.window is None
         views = 4000 if scene.skin else 20_000
         analog = AnalogScene(scene, indented) if planes else BentScene(scene, bend, indented, views)
-        oracle = np.concatenate(
-            [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
-        )
+        known = estimate_error(replicates.reshape(REPLICATES, -1), se.ravel())
+        needed = photons_needed(traced(analog, photons // PILOT), known, photons)
+        oracle = traced(analog, needed)
         result = compare(replicates.reshape(REPLICATES, -1), se.ravel(), oracle)
         found.append(result)
         print(
