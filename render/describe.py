@@ -9,7 +9,9 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
+from render.arrays import Array
 from render.geometry import FiberHolder, camera_coverage, counted_sites, seen_rule
+from render.geometry.lamp_reach import light_shares, shares_before_face
 from render.scene import (
     EDGES,
     FACES,
@@ -17,11 +19,17 @@ from render.scene import (
     Constraints,
     FreeRanges,
     MeshHeights,
+    PlacedLamp,
     Profile,
     Quantity,
     Scene,
     Tolerances,
 )
+
+LITTLE_LIGHT = 0.02
+"""Share of a lamp's light that meets the silicone, below which the lamp is told of."""
+WHOLE_END = 0.98
+"""Share of a lamp's end before its face, below which the lamp is told of."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,8 @@ class Description:
 
     ``axes`` is the size of every axis of the transport (fiber, bend or state, site, facet, and
     channel where materials depend on it, as ``color_axis`` says); ``cells`` and
-    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count.
+    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count,
+    ``doubts`` what is hardly meant of the lamps.
     """
 
     scene: str
@@ -63,6 +72,7 @@ class Description:
     limits: tuple[str, ...] = ()
     tolerances: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def _word(self) -> str:
@@ -100,6 +110,7 @@ class Description:
                 *_listed("limits of designs:", self.limits),
                 *_listed("tolerances:", self.tolerances),
                 *_listed("free, an input of the surrogate:", self.free),
+                *_listed("worth a second look:", self.doubts),
             ]
         )
 
@@ -134,7 +145,35 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
         limits=tuple(limit_sentences(scene)),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
         free=tuple(scene.free.sentences()) if scene.free else (),
+        doubts=tuple(_doubts(scene)),
     )
+
+
+def _doubts(scene: Scene) -> Iterator[str]:
+    """Yield which lamps hardly light the pad, or stand beside it in part: the first of a row."""
+    lamps = scene.placed_lamps()
+    for number, share in _first_below(lamps, light_shares(scene), LITTLE_LIGHT):
+        turned = " in its best direction" if lamps[number].turns else ""
+        yield (
+            f"of the light of lamp {number} ({lamps[number].key}) {share:.1%} meets the "
+            f"silicone{turned}: aim it by its tilt or direction, or bring it nearer"
+        )
+    for number, share in _first_below(lamps, shares_before_face(scene), WHOLE_END):
+        yield (
+            f"of the end of lamp {number} ({lamps[number].key}) {share:.0%} stands before the "
+            f"{FACES[lamps[number].face]} face, the rest beside it: is that meant?"
+        )
+
+
+def _first_below(
+    lamps: tuple[PlacedLamp, ...], shares: Array, least: float
+) -> Iterator[tuple[int, float]]:
+    """Yield the first lamp of each row whose share is below ``least``, and the share."""
+    told = set()
+    for number, (lamp, share) in enumerate(zip(lamps, shares, strict=True)):
+        if share < least and lamp.key not in told:
+            told.add(lamp.key)
+            yield number, float(share)
 
 
 def limit_sentences(scene: Scene) -> Iterator[str]:
@@ -245,6 +284,11 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             f"bodies and leads of {which}, cast into the silicone",
             "a lamp is a disk that hides no light; its power and profile are those of the light "
             "in the silicone",
+        )
+    if any(lamp.solid is None and FACES[lamp.face] == "lower" for lamp in scene.placed_lamps()):
+        yield (
+            "bodies of lamps below the pad",
+            "a lamp is a disk that hides nothing from the camera, nor from the light of others",
         )
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"

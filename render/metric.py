@@ -44,6 +44,9 @@ class MetricConfig:
 THESIS = MetricConfig()
 MIN_HUE = 1e-9
 """Mean M_phi of a baseline; what is below is the rounding of lights that have one hue."""
+LEAST_RADIANCE = 1e-12
+"""Radiance of the skin, 1/(mm^2 sr) per unit power, below which a design is dark: of all light that
+a lamp sends, a billionth falls on a skin of 300 mm^2."""
 RETIRED = {"color_distance": "euclidean", "zero_colour": "zero"}
 """Conventions that files of earlier versions name, each with the only value that it ever had."""
 
@@ -185,13 +188,14 @@ def choose_exposure(
     bend 0 at 230 counts.
 
     Raises:
-        TableError: when that percentile is not a positive number.
+        TableError: when that percentile is not a number of at least `LEAST_RADIANCE`.
     """
     level = float(np.percentile(baseline_radiance[bend0_index], config.exposure_percentile))
-    if not (np.isfinite(level) and level > 0.0):
+    if not (np.isfinite(level) and level >= LEAST_RADIANCE):
         raise TableError(
-            f"the baseline design's brightest facets have radiance {level:g}, allowed: finite and "
-            "above 0; check that the fibers light the sites",
+            f"the baseline design's brightest facets have radiance {level:g} 1/(mm^2 sr) per unit "
+            f"power, allowed: finite and at least {LEAST_RADIANCE:g}; check that the lamps light "
+            "the sites: tactilux describe says which hardly do",
             field="exposure",
         )
     return config.exposure_counts / level

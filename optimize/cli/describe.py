@@ -26,9 +26,10 @@ def run(
         if out is not None:
             check_file(out, (".svg",))
         scene = load_scene(scene_name)
-        description = describe(scene, sources(scene_name))
         if out is not None:
+            # Drawn first: a camera that sees no site is refused, and the drawing says why.
             write_result(out, sensor_svg(scene, dark=True).encode())
+        description = describe(scene, sources(scene_name))
         if as_json:
             print_json(stream, description.to_json())
         else:

@@ -62,6 +62,14 @@ def listed_problems(lamps: tuple[ListedLamp, ...]) -> Iterator[str]:
             yield f"{key}: shines along z and cannot turn about it, leave out turns"
 
 
+def can_be_placed(rows: tuple[Row, ...], lamps: tuple[ListedLamp, ...]) -> bool:
+    """Return whether it is said of all lamps where they are and where they shine."""
+    said = all((row.count is None) != (row.at is None) for row in rows)
+    return said and all(
+        len(lamp.position) == len(lamp.direction) == 3 and any(lamp.direction) for lamp in lamps
+    )
+
+
 def deep_row_problems(rows: tuple[Row, ...], lamps: tuple[PlacedLamp, ...]) -> Iterator[str]:
     """Yield which rows are said to be cast in, by a gap below 0, and have lamps in the air."""
     in_air = {lamp.key for lamp in lamps if lamp.solid is None}
@@ -91,6 +99,12 @@ def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]
             yield (
                 f"{lamp.key} at z = {lamp.position[2]:g} mm lies above the pad, allowed: at most "
                 f"its thickness of {box.high[2]:g} mm"
+            )
+        elif lamp.position[2] == box.high[2] and (box.distance(lamp.position) < 0.0).all():
+            told.add(lamp.key)
+            yield (
+                f"{lamp.key} at ({at}) mm lies on the coating, which is opaque, allowed: beside "
+                "the pad, under it, or cast in wholly below the coating"
             )
         elif lamp.recess >= outside:
             told.add(lamp.key)

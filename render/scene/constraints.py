@@ -82,6 +82,11 @@ class Constraints(Part):
     fixed: Annotated[tuple[FixedFiber, ...], Field(strict=False)] = ()
     forbidden: Annotated[tuple[ForbiddenDirections, ...], Field(strict=False)] = ()
 
+    def __hash__(self) -> int:
+        """Return that of what equal constraints have: ``colors`` is a mapping, in any order."""
+        others = (getattr(self, name) for name in type(self).model_fields if name != "colors")
+        return hash((frozenset((self.colors or {}).items()), *others))
+
     def of_color(self, name: str) -> ColorLimits:
         """Return the limits of a color."""
         if self.colors and name in self.colors:

@@ -129,3 +129,16 @@ def test_what_the_preview_leaves_out_of_painted_edges_is_told_where_the_pad_bend
     assert told("mirror walls bent 45")
     assert not told("rough edges bent 45")
     assert not told("white, mirror and black walls")
+
+
+def test_lamps_that_hardly_light_the_pad_or_stand_beside_it_are_told_of() -> None:
+    assert describe(SCENE).doubts == ()
+    past = changed("fibers", tilt=np.radians(60.0), sigma_v=np.radians(5.0), gap=9.0, height=4.0)
+    first, *_ = describe(past).doubts
+    assert first.startswith("of the light of lamp 0 (fibers.left) 0.0% meets the silicone in its")
+    assert "worth a second look:" in describe(past).text()
+    half = changed("fibers", height=0.0)
+    assert describe(half).doubts[0] == (
+        "of the end of lamp 0 (fibers.left) 50% stands before the left face, the rest beside it: "
+        "is that meant?"
+    )

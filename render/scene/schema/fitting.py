@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from render.scene.built_geometry import (
     aim_problems,
+    can_be_placed,
     deep_row_problems,
     embedding_problems,
     embedding_under_skin_problems,
@@ -44,35 +45,15 @@ def fitting_problems(scene: Scene) -> list[str]:
         problems += scene.diffuser.problems()
     problems += face_problems(scene.faces or (), scene.diffuser_edges)
     problems += _window_problems(scene)
-    problems += _lamp_problems(scene)
     angles = scene.bending.angles
     if any(b <= a for a, b in itertools.pairwise(angles)):
         shown = ", ".join(f"{math.degrees(angle):g}" for angle in angles)
         problems.append(f"bending.angles = {shown} deg, allowed: distinct and ascending")
-    if scene.indenter.depth >= scene.pad.thickness:
-        problems.append(
-            f"indenter: the pyramid is {scene.indenter.depth:g} mm deep, "
-            f"allowed: below pad.thickness = {scene.pad.thickness:g} mm"
-        )
-    sites, clearance = scene.sites, scene.indenter.clearance
-    if sites.count > 1 and sites.spacing < 2 * clearance:
-        problems.append(
-            f"sites.spacing = {sites.spacing:g} mm lets pyramids overlap, "
-            f"allowed: at least 3 indenter.radius = {2 * clearance:g} mm"
-        )
-    half_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + clearance
-    half_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + clearance
-    if half_x > scene.pad.width / 2 or half_y > scene.pad.length / 2:
-        problems.append(
-            f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
-            f"allowed: at most {scene.pad.width / 2:g} x {scene.pad.length / 2:g} mm"
-        )
-    if scene.states is not None:
-        problems += state_problems(scene.states, scene.skin, scene.pad, angles)
-    if not problems and scene.skin is not None:
-        problems += _skin_problems(scene)
-    elif not problems:
-        problems += _embedding_problems(scene)
+    placing = _placing_problems(scene)
+    problems += placing
+    # Where places are wrong, what lies on the skin there says nothing.
+    if not placing:
+        problems += _embedding_problems(scene) if scene.skin is None else _skin_problems(scene)
     palette = scene.palette
     problems += palette.problems()
     if scene.constraints is not None:
@@ -94,6 +75,32 @@ def fitting_problems(scene: Scene) -> list[str]:
     problems += _moving_layer_problems(scene, problems)
     if scene.free is not None:
         problems += scene.free.problems(scene.diffuser.free_values if scene.diffuser else {})
+    return problems
+
+
+def _placing_problems(scene: Scene) -> list[str]:
+    """Return what is wrong with the places of lamps and sites, and with states."""
+    problems = list(_lamp_problems(scene))
+    if scene.indenter.depth >= scene.pad.thickness:
+        problems.append(
+            f"indenter: the pyramid is {scene.indenter.depth:g} mm deep, "
+            f"allowed: below pad.thickness = {scene.pad.thickness:g} mm"
+        )
+    sites, clearance = scene.sites, scene.indenter.clearance
+    if sites.count > 1 and sites.spacing < 2 * clearance:
+        problems.append(
+            f"sites.spacing = {sites.spacing:g} mm lets pyramids overlap, "
+            f"allowed: at least 3 indenter.radius = {2 * clearance:g} mm"
+        )
+    half_x = abs(sites.centre_x) + (sites.columns - 1) / 2 * sites.spacing + clearance
+    half_y = abs(sites.centre_y) + (sites.rows - 1) / 2 * sites.spacing + clearance
+    if half_x > scene.pad.width / 2 or half_y > scene.pad.length / 2:
+        problems.append(
+            f"sites: the pyramids reach {half_x:g} x {half_y:g} mm from the pad's center, "
+            f"allowed: at most {scene.pad.width / 2:g} x {scene.pad.length / 2:g} mm"
+        )
+    if scene.states is not None:
+        problems += state_problems(scene.states, scene.skin, scene.pad, scene.bending.angles)
     return problems
 
 
@@ -187,12 +194,9 @@ def _lamp_problems(scene: Scene) -> Iterator[str]:
         yield f"{named}, at least one {'fiber' if fibers else 'row or lamp'} is needed"
     if fibers is not None:
         yield from _fiber_problems(scene, fibers)
-    alone = [
-        *row_problems(scene.rows or (), pad.width, pad.length),
-        *listed_problems(listed),
-    ]
-    yield from alone
-    if not alone:
+    yield from row_problems(scene.rows or (), pad.width, pad.length)
+    yield from listed_problems(listed)
+    if can_be_placed(scene.rows or (), listed):
         placed = [lamp for lamp in scene.placed_lamps() if fibers is None or lamp.edge is None]
         yield from placement_problems(tuple(placed), scene.box)
         yield from aim_problems(tuple(placed), scene.box)

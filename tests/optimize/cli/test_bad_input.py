@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -419,3 +420,13 @@ def test_an_option_out_of_its_range_is_told_with_the_value(
     assert (result.code, result.out) == (2, "")
     assert sentence in result.err
     assert "Input should" not in tactilux("render", "--level", "x").err
+
+
+def test_a_camera_that_sees_no_site_is_refused_and_drawn(tactilux: Run, tmp_path: Path) -> None:
+    camera = scene_text("finger20").split("[camera]")[1].split("[", 1)[0]
+    coarse = re.sub(r"(columns|rows) = \d+", r"\1 = 20", camera)
+    (tmp_path / "scene.toml").write_text(scene_text("finger20").replace(camera, coarse))
+    result = tactilux("describe", "scene.toml", "--out", "sensor.svg")
+    assert result.code == 2
+    assert "the camera sees none of 15 sites whole" in result.err
+    assert "</svg>" in (tmp_path / "sensor.svg").read_text()

@@ -125,3 +125,23 @@ def test_scene_errors_name_the_lamp() -> None:
     assert "lamps.1 at (-9.9, 0, 2) mm" in refusal(
         listed(0, 0, 2, 0, 0, 1), listed(-9.9, 0, 2, 0, 1, 0)
     )
+
+
+def test_lamps_of_a_list_are_looked_at_beside_a_row_that_does_not_fit() -> None:
+    said = refusal(listed(0, 0, 6, 0, 0, -1), rows=[row("left", 60)])
+    assert "rows.0.count = 60 lamps need 60 mm" in said
+    assert "lamps.0 at z = 6 mm lies above the pad" in said
+
+
+def test_the_skin_is_looked_at_beside_a_camera_that_is_wrong() -> None:
+    camera = {**BASE["camera"], "field_of_view": (178.0, "deg")}
+    said = refusal(
+        listed(0, 0, -2, 0, 0, 1), camera=camera, skin={"shape": "dome", "radius": (5.0, MM)}
+    )
+    assert "camera.field_of_view = 178 deg" in said
+    assert "skin.radius = 5 mm" in said
+
+
+def test_a_lamp_on_the_coating_is_told_of_the_coating() -> None:
+    said = refusal(listed(0, 0, 4.5, 1, 0, 0))
+    assert "lamps.0 at (0, 0, 4.5) mm lies on the coating, which is opaque" in said

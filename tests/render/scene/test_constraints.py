@@ -44,6 +44,23 @@ def test_limits_and_tolerances_change_no_hash(scene_with: Callable[[str], Scene]
     assert "led_power: normal, standard deviation 10 %" in describe(limited).text()
 
 
+def test_limits_of_colors_by_name_are_limits_like_others(tmp_path: Path) -> None:
+    text = (resources.files("render") / "scenes" / "finger20.toml").read_text()
+    scenes = []
+    for order in ("red, blue", "blue, red"):
+        path = tmp_path / "named.toml"
+        more = "".join(f"\n[constraints.colors.{name}]\nmax = 2\n" for name in order.split(", "))
+        path.write_text(text.replace("schema = 1", "schema = 2") + more)
+        scenes.append(load_scene(path))
+    first, second = scenes
+    assert first == second
+    assert hash(first) == hash(second)
+    assert first.hash == load_scene("finger20").hash
+    assert "at most 2 red fibers" in describe(first).text()
+    assert first.constraints is not None
+    assert first.constraints.max_counts(first.palette, 20) == (2, 20, 2)
+
+
 def test_forbidden_directions_leave_the_rest(scene_with: Callable[[str], Scene]) -> None:
     limits = scene_with("[constraints]\n" + FORBID % (0, 30) + FORBID % (80, 100)).constraints
     assert limits is not None
