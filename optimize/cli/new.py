@@ -37,6 +37,9 @@ def run(
         str | None,
         Option(help="Of the lit edges, from left to base: red,blue,green; or one of all: white."),
     ] = None,
+    camera: Annotated[
+        Literal["color", "gray"] | None, Option(help="What the camera sees (default: color).")
+    ] = None,
     distance: Annotated[float | None, Option(help="From the camera to the pad, mm.")] = None,
     field_of_view: Annotated[
         float | None, Option(help="Of the camera along the pad, degrees (default: all of it).")
@@ -66,11 +69,11 @@ def run(
                 f"name = {name} comes with tactilux, allowed: any other name", field="name"
             )
         numbers = {key: float(value) for key, value in given.items() if value is not None}
-        if not numbers and lamp is None and colors is None and sys.stdin.isatty():
+        if not numbers and {lamp, colors, camera} == {None} and sys.stdin.isatty():
             answers = _ask(name)
         else:
             named = tuple(part.strip() for part in colors.split(",")) if colors is not None else ()
-            answers = Answers(name, numbers, lamp or "fiber", named)
+            answers = Answers(name, numbers, lamp or "fiber", named, camera or "color")
         text = scene_file(answers)
         scene = scene_from_text(text, name, Path())
         try:
@@ -98,13 +101,12 @@ def _blind(answers: Answers) -> SceneError:
 
 def _ask(name: str) -> Answers:
     """Return the answers of the person at the terminal; what they cannot be is asked again."""
-    from render.scene.new_scene import COLORS, LAMPS, QUESTIONS, Answers
+    from render.scene.new_scene import CAMERAS, COLORS, LAMPS, QUESTIONS, Answers
 
     note("Enter takes what stands in brackets; Ctrl-C ends it without a file.")
     answers = Answers(name, {})
-    while (lamp := _answer(f"lamps: {' or '.join(LAMPS)}", "fiber")) not in LAMPS:
-        note(f"{lamp}, allowed: {', '.join(LAMPS)}")
-    answers = replace(answers, lamp=lamp)
+    answers = replace(answers, lamp=_choice("lamps", tuple(LAMPS)))
+    answers = replace(answers, camera=_choice("camera", CAMERAS))
     for key, question in QUESTIONS.items():
         unit = f", {question.unit}" if question.unit else ""
         while True:
@@ -124,6 +126,13 @@ def _ask(name: str) -> Answers:
             return replace(answers, colors=tuple(part.strip() for part in said.split(",")))
         except SceneError as error:
             note(str(error))
+
+
+def _choice(question: str, kinds: tuple[str, ...]) -> str:
+    """Return one of ``kinds``, of which the first is usual."""
+    while (kind := _answer(f"{question}: {' or '.join(kinds)}", kinds[0])) not in kinds:
+        note(f"{kind}, allowed: {', '.join(kinds)}")
+    return kind
 
 
 def _answer(question: str, usual: str) -> str:

@@ -20,8 +20,12 @@ LAMPS = {
 }  # fmt: skip
 """Diameter and gap in mm, profile: what one kind of lamp is assumed to be."""
 COLORS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0),
-          "white": (1.0, 1.0, 1.0)}  # fmt: skip
+          "white": (1.0, 1.0, 1.0), "amber": (1.0, 0.5, 0.0),
+          "infrared": (0.3, 0.3, 0.3)}  # fmt: skip
 """What the red, green and blue channel see of an LED, relative to its power."""
+GRAY = dict.fromkeys(COLORS, 1.0) | {"infrared": 0.4}
+"""What the one channel of a gray camera sees of them."""
+CAMERAS = ("color", "gray")
 PIXELS = 600
 
 
@@ -109,13 +113,15 @@ class Answers:
         numbers: by the names of `QUESTIONS`; those that nobody answered are absent.
         lamp: one of `LAMPS`.
         colors: of the lit edges, in the order of `EDGES`, of `COLORS`, or one for all; empty for
-            red, blue, green and red.
+            red, blue, green and red, or before a gray camera for white.
+        camera: one of `CAMERAS`.
     """
 
     name: str
     numbers: Mapping[str, float]
     lamp: str = "fiber"
     colors: tuple[str, ...] = ()
+    camera: str = "color"
 
     def __post_init__(self) -> None:
         """Refuse what no sensor can be.
@@ -161,7 +167,7 @@ class Answers:
     @property
     def edge_colors(self) -> dict[str, str]:
         """The color of each edge with lamps."""
-        usual = ("red", "blue", "green", "red")
+        usual = ("white",) if self.camera == "gray" else ("red", "blue", "green", "red")
         chosen = self.colors or usual[: len(self.lit)]
         if len(chosen) == 1:
             chosen *= len(self.lit)
@@ -337,6 +343,7 @@ class _Camera:
             _quantity("field_of_view", angle, "deg", viewed),
             f"columns = {columns}  # assumed",
             f"rows = {rows}  # assumed",
+            *(['channels = ["gray"]'] if answers.camera == "gray" else []),
             "",
         ]
         return _Camera("\n".join(lines), (half * columns / rows, half))
@@ -376,20 +383,25 @@ def _sites(answers: Answers, camera: _Camera) -> str:
 
 
 def _other_colors(answers: Answers) -> list[str]:
-    """Return the LEDs, where they are other than red, green and blue.
+    """Return the LEDs, where they or the camera are other than red, green and blue.
 
     A baseline of one color has no hue to score by. So where all edges have the same, there is no
     LED of another.
     """
-    used = set(answers.edge_colors.values())
-    if len(used) > 1 and "white" not in used:
+    used, gray = set(answers.edge_colors.values()), answers.camera == "gray"
+    usual = set() if gray or len(used) == 1 else {"red", "green", "blue"}
+    if used <= usual:
         return []
-    lines = ["", "# What the channels red, green and blue of the camera see of each LED."]
-    if len(used) == 1:
-        lines.append("# All have one color, so that scores know brightness alone.")
-    for name, response in COLORS.items():
-        if len(used) == 1 and name not in used:
+    channels = "the gray channel" if gray else "the channels red, green and blue"
+    lines = ["", f"# What {channels} of the camera see{'s' if gray else ''} of each LED."]
+    if gray or len(used) == 1:
+        look = "The camera sees no hue" if gray else "All have one color"
+        lines.append(f"# {look}, so that scores know brightness alone.")
+    for name in COLORS:
+        if name not in used | usual:
             continue
-        shown = f'{{ value = {list(response)}, source = "assumed: no overlap of channels" }}'
+        response = [GRAY[name]] if gray else list(COLORS[name])
+        source = "assumed" if gray else "assumed: no overlap of channels"
+        shown = f'{{ value = {response}, source = "{source}" }}'
         lines += ["[[colors]]", f'name = "{name}"', f"response = {shown}", ""]
     return lines

@@ -72,6 +72,25 @@ def test_one_color_is_that_of_all_edges(tactilux: Run) -> None:
     assert scene_scale(scene).lam == 0
 
 
+def test_a_gray_camera_has_leds_of_one_channel(tactilux: Run) -> None:
+    words = ("--camera", "gray", "--tip", 0, "--diffuser", 0)
+    assert tactilux("new", "mono", *words, "--colors", "white,infrared").code == 0
+    scene = load_scene("mono.toml")
+    assert scene.palette.channels == ("gray",)
+    assert scene.palette.names == ("white", "infrared")
+    assert set(scene.baseline_colors()) == {"white", "infrared"}
+    assert scene_scale(scene).lam == 0
+    assert tactilux("describe", "mono.toml").code == 0
+    assert tactilux("new", "plain", *words).code == 0
+    assert set(load_scene("plain.toml").baseline_colors()) == {"white"}
+
+
+def test_amber_and_infrared_stand_beside_red_green_and_blue(tactilux: Run) -> None:
+    assert tactilux("new", "warm", "--colors", "amber,infrared,blue").code == 0
+    scene = load_scene("warm.toml")
+    assert scene.palette.names == ("red", "green", "blue", "amber", "infrared")
+
+
 @pytest.mark.parametrize("unlit", [("--left", 0, "--tip", 0), ("--tip", 0, "--right", 0)])
 def test_lit_edges_differ_in_color_by_default(tactilux: Run, unlit: tuple[object, ...]) -> None:
     assert tactilux("new", "--out", "two.toml", "--base", 3, *unlit).code == 0
@@ -218,9 +237,10 @@ def at_terminal(folder: Path, *typed: str, stop: int = 0) -> tuple[int, str]:
 
 
 def test_a_terminal_is_asked_and_bad_answers_again(tmp_path: Path) -> None:
-    typed = ("led", "", "3", "25", "", "none", "0", "", "0", "2.5", "2", *[""] * 4)
+    typed = ("led", "sepia", "", "", "3", "25", "", "none", "0", "", "0", "2.5", "2", *[""] * 4)
     code, shown = at_terminal(tmp_path, *typed)
     assert code == 0, shown
+    assert "sepia, allowed: color, gray" in shown
     assert "--length = 3, allowed: 4 to 100 mm" in shown
     assert "none, allowed: a number, 0 to 20 mm" in shown
     assert "2.5, allowed: a whole number, 0 to 64" in shown
@@ -232,7 +252,7 @@ def test_a_terminal_is_asked_and_bad_answers_again(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
-    code, shown = at_terminal(tmp_path, "fiber", "20", stop=signal.SIGINT)
+    code, shown = at_terminal(tmp_path, "fiber", "", "20", stop=signal.SIGINT)
     assert code == 130
     assert "tactilux: interrupted" in shown
     assert not list(tmp_path.iterdir())
