@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from optimize.design import Rating, save_design
 from optimize.mounting import (
@@ -23,7 +23,7 @@ from optimize.report.illustrations import beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
-from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses, flat_sites
+from render.geometry import LOWER, FiberHolder, fiber_edges, flat_fiber_poses, flat_sites
 from render.scene import Scene
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
@@ -183,14 +183,19 @@ def _freedom(mounting: Mounting) -> list[str]:
 
 
 def wiring_drawing(mounting: Mounting) -> Figure:
-    """Draw the holder from outside, tip up: axes, fibers as they lie in it, numbers and beams."""
+    """Draw the holder from outside, tip up: axes, fibers as they lie in it, numbers and beams.
+
+    Lamps under the pad, which shine up out of the page, are drawn as the disks that they are.
+    """
     scene, design = mounting.scene, mounting.design
     poses, holder = flat_fiber_poses(scene), FiberHolder.of(scene)
     beams = poses.directions(design.phi)[:, :2]
     position = poses.position[:, :2]
     sine = np.maximum((beams * poses.inward[:, :2]).sum(axis=1), 0.2)[:, None]
-    back = position - beams * holder.thickness / sine
-    label = back - 1.5 * poses.inward[:, :2]
+    under = poses.face == LOWER
+    back = np.where(under[:, None], position, position - beams * holder.thickness / sine)
+    aside = np.where(under[:, None], [0.0, 1.5], 1.5 * poses.inward[:, :2])
+    label = back - aside
     half = np.array([scene.pad.width, scene.pad.length]) / 2
     gap = max((row.gap for row in scene.lamp_rows if row.gap > 0.0), default=0.0)
     near, far = scene.box.low[:2] - gap, scene.box.high[:2] + gap
@@ -219,8 +224,11 @@ def wiring_drawing(mounting: Mounting) -> Figure:
         arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
         for i, color in enumerate(design.color_names):
             ink = scene.palette.ink(color)
-            axes.plot(*zip(back[i], position[i], strict=True), color=ink, lw=3.0, alpha=0.85,
-                      solid_capstyle="butt")  # fmt: skip
+            if under[i]:
+                axes.add_patch(Circle(tuple(position[i]), poses.radius[i], color=ink, alpha=0.85))
+            else:
+                axes.plot(*zip(back[i], position[i], strict=True), color=ink, lw=3.0, alpha=0.85,
+                          solid_capstyle="butt")  # fmt: skip
             axes.annotate(
                 "",
                 xy=tuple(position[i] + beam * beams[i]),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import pytest
+from matplotlib.patches import Circle
 
 from optimize.design import Design, baseline_design, limits_of
 from optimize.mounting import mount
@@ -18,7 +20,7 @@ from optimize.report import (
 )
 from optimize.search import SearchStep
 from render.geometry import flat_sites
-from render.scene import Scene
+from render.scene import Scene, load_scene
 
 
 def test_srgb_keeps_black_and_white_and_lifts_the_middle() -> None:
@@ -90,3 +92,16 @@ def test_drawn_beams_of_neighbors_never_cross_and_labels_stay_clear(finger20: Sc
         for start, end in beams:
             along = np.clip(np.dot(place - start, end - start) / np.sum((end - start) ** 2), 0, 1)
             assert np.linalg.norm(place - start - along * (end - start)) > 1.0
+
+
+def test_lamps_under_the_pad_are_drawn_as_disks_where_they_are() -> None:
+    scene = load_scene("gelsight-flat")
+    axes = wiring_drawing(mount(scene, baseline_design(scene), step=0.0)).axes[0]
+    disks = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    lamps = scene.placed_lamps()
+    assert len(disks) == len(lamps) == 24
+    for disk, lamp in zip(disks, lamps, strict=True):
+        assert disk.center == pytest.approx(lamp.position[:2])
+        assert disk.radius == pytest.approx(lamp.diameter / 2)
+    # Beside sites, axes and origin there are no lines: nothing is laid flat.
+    assert len(axes.lines) == 3
