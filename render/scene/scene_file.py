@@ -20,7 +20,7 @@ from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.quantities import Part
 from render.scene.schema import SCENE_NAME, Scene
 from render.scene.serialization import part_class
-from render.scene.states import STATE_NAME
+from render.scene.states import REST_REFUSED, STATE_NAME
 
 _TEXTS = {
     SCENE_NAME: "1 to 64 of a-z, 0-9, _ and -, the first a letter or a digit",
@@ -71,9 +71,19 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
 
 
 def _problems(error: ValidationError) -> list[Any]:
-    """Return what is wrong; a list all of whose entries are refused is not empty besides."""
+    """Return what is wrong, once: not what follows from another problem.
+
+    A list all of whose entries are refused is not empty besides, and states of a refused skin are
+    not refused besides.
+    """
     found: list[Any] = error.errors(include_url=False)
-    return [one for one in found if one["type"] != "too_short" or not one["input"]]
+    followed = any(one["loc"][:2] == ("skin", "mesh") for one in found)
+    return [
+        one
+        for one in found
+        if not (one["type"] == "too_short" and one["input"])
+        and not (one["type"] == REST_REFUSED and followed)
+    ]
 
 
 def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:

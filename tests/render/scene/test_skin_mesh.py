@@ -131,3 +131,38 @@ def test_the_mesh_travels_with_its_scene(tmp_path: Path) -> None:
 
 def test_describe_says_its_size_and_depth() -> None:
     assert "mesh of 20 x 24 mm, down to 4.34 mm under its crown" in describe(SPHERE).text()
+
+
+def named_parts(body: trimesh.Trimesh) -> str:
+    """Return an ASCII STL file with the triangles that face up in one solid, the rest in another.
+
+    Both have the corners of the seam between them.
+    """
+    upper = body.face_normals[:, 2] > 0.3
+    lines = []
+    for name, part in (("skin", upper), ("body", ~upper)):
+        lines.append(f"solid {name}")
+        for normal, corners in zip(body.face_normals[part], body.triangles[part], strict=True):
+            lines += [f"facet normal {' '.join(f'{x:.6g}' for x in normal)}", "outer loop"]
+            lines += [f"vertex {' '.join(f'{x:.6g}' for x in corner)}" for corner in corners]
+            lines += ["endloop", "endfacet"]
+        lines.append(f"endsolid {name}")
+    return "\n".join(lines) + "\n"
+
+
+def test_a_closed_body_whose_file_names_its_parts_is_one_body(tmp_path: Path) -> None:
+    scene_on(flat_block(), tmp_path)
+    parts, hashes = named_parts(flat_block()), []
+    for text in (parts, parts.replace("endsolid skin\nsolid body\n", "")):
+        (tmp_path / "gel.stl").write_text(text)
+        hashes.append(load_scene(tmp_path / "scene.toml").hash)
+    assert hashes[0] == hashes[1]
+
+
+def test_a_hole_between_named_parts_is_still_a_leak(tmp_path: Path) -> None:
+    scene_on(flat_block(), tmp_path)
+    body = flat_block()
+    body.update_faces(np.arange(len(body.faces)) > 0)
+    (tmp_path / "gel.stl").write_text(named_parts(body))
+    with pytest.raises(SceneError, match="leaks: 3 of its edges do not join two triangles"):
+        load_scene(tmp_path / "scene.toml")
