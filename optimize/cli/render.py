@@ -68,8 +68,8 @@ def run(
     press: Annotated[
         str,
         Option(
-            help="What is pressed in: none, pyramids, ball, bolt, edge, or the lower side of an STL "
-            "file in mm."
+            help="What is pressed in: none, pyramids, ball, bolt, edge, or the lower side of an "
+            "STL file in mm."
         ),
     ] = "pyramids",
     depth: Annotated[

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import operator
-from collections.abc import Iterator
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,8 @@ from render.errors import SceneError
 from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
-from render.scene.quantities import Part
+from render.scene.newer_keys import instead_of_key, instead_of_value, keys_at
 from render.scene.schema import SCENE_NAME, Scene
-from render.scene.serialization import part_class
 from render.scene.states import REST_REFUSED, STATE_NAME
 
 _TEXTS = {
@@ -64,8 +62,9 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
                 Scene.model_validate(without, context=context)
             except ValidationError as further:
                 problems += _problems(further)
+        told = "; ".join(_sentence(problem, raw) for problem in problems)
         raise SceneError(
-            f"{origin} is not a valid scene: " + "; ".join(map(_sentence, problems)),
+            f"{origin} is not a valid scene: {told}",
             field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
 
@@ -168,51 +167,31 @@ def _parsed(text: str, origin: str) -> dict[str, Any]:
         raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
-def _sentence(problem: Any) -> str:
+def _sentence(problem: Any, raw: Mapping[str, Any]) -> str:
     """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
     key = ".".join(str(part) for part in problem["loc"])
     kind = problem["type"]
     if kind == "extra_forbidden":
-        return f"unknown key {key}{_instead(problem['loc'])}"
+        return f"unknown key {key}{instead_of_key(problem['loc'], raw)}"
     if kind == "missing":
         return f"missing key {key}"
     message = problem["msg"].removeprefix("Value error, ")
     if kind == "value_error" and not key:
         return str(message)
     value = problem["input"]
-    allowed = allowed_words(problem, _known_keys(problem["loc"]))
+    allowed = allowed_words(problem, [*keys_at(problem["loc"])])
+    more = instead_of_value(problem, raw)
     if allowed:
         value = value["value"] if kind == "number_or_list" else value
-        return f"{key} = {in_toml(value)}, allowed: {allowed}"
+        return f"{key} = {in_toml(value)}, allowed: {allowed}{more}"
     if isinstance(value, dict) and "value" in value:
         value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
     value = _plain(value)
     if kind == "string_pattern_mismatch":
         return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
-    return f"{key} = {value}: {message}"
+    return f"{key} = {value}: {message}{more}"
 
 
 def _plain(value: Any) -> str:
     """Return a value as a TOML file has it, a text without its quotes."""
     return value if isinstance(value, str) else in_toml(value)
-
-
-def _instead(place: tuple[int | str, ...]) -> str:
-    """Return what a file may hold in place of an unknown key: the nearest, or all there are."""
-    known = _known_keys(place[:-1])
-    near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
-    if near:
-        return f", did you mean {near[0]}?"
-    return f", allowed: {', '.join(known)}" if known else ""
-
-
-def _known_keys(place: tuple[int | str, ...]) -> list[str]:
-    """Return the keys of the part at a ``place`` of a scene file; none where no part is known."""
-    part: type[Part] = Scene
-    try:
-        for step in place:
-            if isinstance(step, str):
-                part = part_class(part.model_fields[step].annotation)
-    except (KeyError, TypeError):
-        return []
-    return [field.alias or name for name, field in part.model_fields.items() if name != "carried"]
