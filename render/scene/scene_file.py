@@ -16,8 +16,9 @@ from render.errors import SceneError
 from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
-from render.scene.newer_keys import instead_of_key, instead_of_value, keys_at
+from render.scene.lamps_file import LampLines, RefusedLamps
 from render.scene.schema import SCENE_NAME, Scene
+from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
 from render.scene.states import REST_REFUSED, STATE_NAME
 
 _TEXTS = {
@@ -46,7 +47,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     Raises:
         SceneError: as `load_scene` does.
     """
-    raw = _parsed(text, origin)
+    raw, lines = _with_listed_lamps(_parsed(text, origin), folder)
     try:
         context: dict[str, Any] = {
             "colors": colors_in(raw),
@@ -62,7 +63,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
                 Scene.model_validate(without, context=context)
             except ValidationError as further:
                 problems += _problems(further)
-        told = "; ".join(_sentence(problem, raw) for problem in problems)
+        told = "; ".join(_sentence(problem, raw, lines) for problem in problems)
         raise SceneError(
             f"{origin} is not a valid scene: {told}",
             field=".".join(str(part) for part in problems[0]["loc"]),
@@ -106,6 +107,28 @@ def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict
     return dict(mended)
 
 
+def _with_listed_lamps(
+    raw: dict[str, Any], folder: Path
+) -> tuple[dict[str, Any], LampLines | None]:
+    """Return a scene file with the lamps of the CSV file that it names, and their lines."""
+    if LAMPS_FILE not in raw:
+        return raw, None
+    name = raw[LAMPS_FILE]
+    others = {key: part for key, part in raw.items() if key != LAMPS_FILE}
+    lamps: Any
+    if "lamps" in raw:
+        lamps = RefusedLamps("lamps_file: lamps are listed in this file too, allowed: one")
+    elif not isinstance(name, str):
+        lamps = RefusedLamps(f"lamps_file = {in_toml(name)}, allowed: the name of a CSV file")
+    else:
+        try:
+            lines = LampLines.read(folder, name)
+            return others | {"lamps": lines.lamps}, lines
+        except ValueError as error:
+            lamps = RefusedLamps(f"lamps_file = {name}: {error}")
+    return others | {"lamps": lamps}, None
+
+
 def _mesh_file(raw: dict[str, Any]) -> str | None:
     """Return the file of the skin at rest that a scene names, which its states follow."""
     mesh = raw["skin"].get("mesh") if isinstance(raw.get("skin"), dict) else None
@@ -116,7 +139,7 @@ def _mesh_file(raw: dict[str, Any]) -> str | None:
 def sources(name_or_path: str | Path) -> dict[str, str]:
     """Return the source of every value of a scene file, keyed like ``pad.width``."""
     raw = _parsed(scene_text(name_or_path), str(name_or_path))
-    return dict(_sources(raw))
+    return dict(_sources(_with_listed_lamps(raw, Path(name_or_path).parent)[0]))
 
 
 def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -125,7 +148,7 @@ def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
         yield key, str(content["source"])
         return
     parts: Any = content.items() if isinstance(content, dict) else ()
-    if isinstance(content, list):
+    if isinstance(content, list | tuple):
         parts = enumerate(content)
     for name, part in parts:
         if key == "colors":
@@ -167,17 +190,20 @@ def _parsed(text: str, origin: str) -> dict[str, Any]:
         raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
-def _sentence(problem: Any, raw: Mapping[str, Any]) -> str:
+def _sentence(problem: Any, raw: Mapping[str, Any], lines: LampLines | None) -> str:
     """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
-    key = ".".join(str(part) for part in problem["loc"])
-    kind = problem["type"]
+    if isinstance(problem["input"], RefusedLamps):
+        return str(problem["input"])
+    place, kind = problem["loc"], problem["type"]
+    listed = lines is not None and place[:1] == ("lamps",)
+    key = lines.key(place) if lines and listed else ".".join(map(str, place))
     if kind == "extra_forbidden":
         return f"unknown key {key}{instead_of_key(problem['loc'], raw)}"
     if kind == "missing":
         return f"missing key {key}"
     message = problem["msg"].removeprefix("Value error, ")
     if kind == "value_error" and not key:
-        return str(message)
+        return lines.named(message) if lines else str(message)
     value = problem["input"]
     allowed = allowed_words(problem, [*keys_at(problem["loc"])])
     more = instead_of_value(problem, raw)
@@ -186,6 +212,8 @@ def _sentence(problem: Any, raw: Mapping[str, Any]) -> str:
         return f"{key} = {in_toml(value)}, allowed: {allowed}{more}"
     if isinstance(value, dict) and "value" in value:
         value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
+    elif isinstance(value, dict) and set(value) == {"file", "source"}:
+        value = value["file"]
     value = _plain(value)
     if kind == "string_pattern_mismatch":
         return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"

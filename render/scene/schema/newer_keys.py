@@ -13,7 +13,7 @@ from typing import Any, get_args
 from render.scene.colors import OFF
 from render.scene.lamps import EDGES, Fibers, Row
 from render.scene.quantities import Part, Quantity, allowed_range
-from render.scene.schema import Scene
+from render.scene.schema.scene import Scene
 from render.scene.serialization import part_class
 
 Place = tuple[int | str, ...]
