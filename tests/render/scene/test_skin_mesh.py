@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -166,3 +167,25 @@ def test_a_hole_between_named_parts_is_still_a_leak(tmp_path: Path) -> None:
     (tmp_path / "gel.stl").write_text(named_parts(body))
     with pytest.raises(SceneError, match="leaks: 3 of its edges do not join two triangles"):
         load_scene(tmp_path / "scene.toml")
+
+
+def test_a_body_of_another_height_than_the_pad_is_the_same_skin_and_describe_says_both(
+    tmp_path: Path,
+) -> None:
+    """A gel drawn without its plate, and one that floats in its file."""
+
+    def gel(height: float, lift: float = 0.0) -> trimesh.Trimesh:
+        # Corners that single precision holds.
+        body = body_under(lambda x, _: height - 0.25 * (np.abs(x) > 5.0), (18.3, 25.0), 8)
+        return body.apply_translation([0.0, 0.0, lift])
+
+    whole, thin, afloat = (scene_on(gel(*at), tmp_path) for at in ((6.0,), (2.0,), (2.0, 4.0)))
+    assert whole.hash == thin.hash == afloat.hash
+    for scene, height in ((whole, 6), (thin, 2), (afloat, 2)):
+        left_out = {part.what: part.why for part in describe(scene).left_out}
+        assert re.fullmatch(
+            r"the skin is the upper side alone, 5\.\d+ to 6\.15 mm over the pad's lower face: its "
+            rf"crown is at pad\.thickness; the body in its file is {height} mm high",
+            left_out["lower side of skin.mesh"],
+        )
+    assert "lower side of skin.mesh" not in describe(load_scene("digit")).text()
