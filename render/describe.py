@@ -290,6 +290,8 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
             "bodies of lamps below the pad",
             "a lamp is a disk that hides nothing from the camera, nor from the light of others",
         )
+    if scene.skin is not None and scene.skin.mesh is not None:
+        yield "lower side of skin.mesh", _height_of_mesh(scene.skin.mesh, scene.pad.thickness)
     yield "inside of the body", "it is black: light that leaves the silicone is lost"
     kind = "an equidistant fisheye" if scene.camera.fisheye else "a pinhole"
     yield "lens distortion", f"images are dewarped, the camera is {kind}"
@@ -308,3 +310,13 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
         if edge not in lit:
             named = f"fibers.{edge} is 0" if scene.fibers else "no lamp stands before it"
             yield f"light from the {edge} edge", named
+
+
+def _height_of_mesh(mesh: MeshHeights, crown: float) -> str:
+    """Return where the skin of a mesh lies, and how high its body is in its file."""
+    lowest = crown + min(mesh.heights) - mesh.crown
+    body = f"; the body in its file is {mesh.body_height:.4g} mm high" if mesh.body_height else ""
+    return (
+        f"the skin is the upper side alone, {lowest:.3g} to {crown:.4g} mm over the pad's lower "
+        f"face: its crown is at pad.thickness{body}"
+    )

@@ -67,7 +67,10 @@ def run(
     ] = "preview",
     press: Annotated[
         str,
-        Option(help="What is pressed in: none, pyramids, ball, bolt, edge, or an STL file in mm."),
+        Option(
+            help="What is pressed in: none, pyramids, ball, bolt, edge, or the lower side of an "
+            "STL file in mm."
+        ),
     ] = "pyramids",
     depth: Annotated[
         float | None,

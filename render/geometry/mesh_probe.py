@@ -27,8 +27,9 @@ def body_of_file(
 ) -> HeightMap:
     """Return the skin with the body of a file (STL, PLY, OBJ; mm) in the middle of the sites.
 
-    The file's z points out of the skin there and its y to the tip. Where a body overhangs, its
-    lowest part counts.
+    The file's z points out of the skin there and its y to the tip. What counts is the lower side,
+    as it is seen from below, and nothing else: where a body overhangs, its lowest part. So the file
+    need not be a closed body; what it leaves open presses nothing, or what lies over it does.
 
     Arguments:
         scene: the sensor.
@@ -38,7 +39,8 @@ def body_of_file(
         smoothing: see `HeightMap.smoothed`.
 
     Raises:
-        SceneError: the file is no body, or the pad is too small or too thin for it.
+        SceneError: the file is no body or has no area seen from below, or the pad is too small or
+            too thin for it.
     """
     triangles = _triangles(path)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
@@ -69,6 +71,12 @@ def body_of_file(
             field="depth",
         )
     body = HeightMap(np.maximum(untouched - lowest, 0.0), scene.pad.width, scene.pad.length)
+    if body.deepest == 0.0:
+        raise SceneError(
+            f"{path} has no area seen from below, at places {max(body.step):.2g} mm apart, so it "
+            "presses nothing, allowed: a body that covers some of them",
+            field="press",
+        )
     return body.smoothed(smoothing)
 
 

@@ -114,18 +114,29 @@ class Palette:
         """Return what a color, or ``off``, is drawn with."""
         return _OFF_INK if name == OFF else self.inks[self.index(name)]
 
-    def problems(self) -> Iterator[str]:
-        """Yield what is wrong with the colors of a scene file, one sentence each."""
+    def problems(self, *, named: bool = True) -> Iterator[str]:
+        """Yield what is wrong with the colors of a scene file, one sentence each.
+
+        ``named`` is whether the file names colors; one that does not has those of `RGB`.
+        """
         for what, names in (("colors", self.names), ("camera.channels", self.channels)):
             for name in sorted({name for name in names if names.count(name) > 1}):
                 yield f"{what} name {name} twice, allowed: once"
         if len(self.channels) > MAX_CHANNELS:
             yield f"camera.channels are {len(self.channels)}, allowed: at most {MAX_CHANNELS}"
+        seen = ", ".join(self.channels)
+        if not named and len(self.channels) != len(DEFAULT_CHANNELS):
+            yield (
+                f"missing [[colors]]: camera.channels = {seen}, and a scene without [[colors]] has "
+                "LEDs red, green and blue of three channels, allowed: [[colors]] whose response "
+                f"has {len(self.channels)} value{'s' * (len(self.channels) != 1)}, one per channel"
+            )
+            return
         for name, response in zip(self.names, self.response, strict=True):
             if len(response) != len(self.channels):
                 yield (
                     f"colors.{name}.response has {len(response)} values, allowed: "
-                    f"{len(self.channels)}, one per channel ({', '.join(self.channels)})"
+                    f"{len(self.channels)}, one per channel ({seen})"
                 )
             elif not any(response):
                 yield f"colors.{name}.response is all 0, allowed: some channel must see it"

@@ -1,4 +1,4 @@
-"""Lamps: rows along the pad's edges, and lamps that are listed one by one or in a CSV file.
+"""Lamps: rows along the pad's edges, and lamps that are listed one by one.
 
 Lamps are numbered around the pad: left edge from base to tip, tip edge from left to right, right
 edge from tip to base, base from right to left, and then those of the list. Rows of one edge come
@@ -9,19 +9,15 @@ power and its profile are those of the light that leaves the disk, in whatever i
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.files import read_text
 from render.scene.lamp_profile import Profile
 from render.scene.quantities import Count, Part, Quantity
 
@@ -319,65 +315,3 @@ def _listed(box: Box, lamp: ListedLamp, key: str) -> PlacedLamp:
     if not lamp.turns and 0 < missing <= AIR_FILM * (1 + 1e-6):
         position = position + missing * OUTWARD[face]
     return _moved(placed, position, face, box)
-
-
-# ------------------------------------------ CSV --------------------------------------------------
-
-COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
-CHOICES = ("sigma_v", "cosine_exponent", "profile")
-"""Columns of which a file has one: deg, a number, or ``lambertian`` and names of profile files."""
-
-
-def lamps_of_file(path: Path) -> list[dict[str, Any]]:
-    """Return the lamps of a CSV file as the scene file would list them.
-
-    Columns, in any order: `COLUMNS` (mm; a direction of any length), one of `CHOICES`, and perhaps
-    ``turns`` (``true`` or ``false``).
-
-    Raises:
-        ValueError: one sentence that names the line, the column and what is allowed.
-    """
-    try:
-        stream = io.StringIO(read_text(path), newline="")
-        rows = list(csv.DictReader(stream, skipinitialspace=True))
-    except csv.Error as error:
-        raise ValueError(f"cannot be read: {error}") from error
-    if not rows:
-        raise ValueError("has no lamps: give a header line and one line for each")
-    names = set(rows[0]) - {None}
-    chosen = [name for name in CHOICES if name in names]
-    if not set(COLUMNS) <= names or len(chosen) != 1 or names - {*COLUMNS, *CHOICES, "turns"}:
-        raise ValueError(
-            f"has the columns {', '.join(map(str, rows[0]))}, allowed: {', '.join(COLUMNS)}, one "
-            f"of {', '.join(CHOICES)}, and perhaps turns"
-        )
-    return [_lamp_of_line(row, number, chosen[0]) for number, row in enumerate(rows, start=2)]
-
-
-def _lamp_of_line(row: dict[str, str | None], line: int, choice: str) -> dict[str, Any]:
-    source = f"line {line} of the lamps file"
-
-    def number(name: str) -> float:
-        try:
-            return float(row[name] or "")
-        except ValueError:
-            raise ValueError(f"line {line}: {name} = {row[name]!r}, allowed: a number") from None
-
-    def quantity(value: Any, unit: str = "") -> dict[str, Any]:
-        return {"value": value, "source": source} | ({"unit": unit} if unit else {})
-
-    turns = (row.get("turns") or "false").strip().lower()
-    if turns not in ("true", "false"):
-        raise ValueError(f"line {line}: turns = {turns!r}, allowed: true or false")
-    profile: Any = (row[choice] or "").strip() if choice == "profile" else None
-    if profile is None:
-        profile = {choice: quantity(number(choice), "deg" if choice == "sigma_v" else "")}
-    elif profile != "lambertian":
-        profile = {"file": profile, "source": source}
-    return {
-        "position": quantity([number(name) for name in COLUMNS[:3]], "mm"),
-        "direction": quantity([number(name) for name in COLUMNS[3:6]]),
-        "diameter": quantity(number("diameter"), "mm"),
-        "profile": profile,
-        "turns": turns == "true",
-    }

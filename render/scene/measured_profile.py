@@ -19,6 +19,8 @@ from render.files import read_bytes
 
 STEPS = 360
 """Of the table that directions are sampled from; each is a quarter of a degree."""
+HEAD = 13
+"""Numbers of an IES file before its angles."""
 ASYMMETRY_MAX = 0.1
 """Relative to the peak: how much the planes of an IES file may differ before they are refused."""
 
@@ -48,7 +50,7 @@ class MeasuredProfile:
             degrees, intensity = _ies(text) if path.suffix.lower() == ".ies" else _columns(text)
         except OSError as error:
             raise _refused(path, f"{error.strerror}") from error
-        except (ValueError, IndexError) as error:
+        except ValueError as error:
             raise _refused(path, f"{error}") from error
         return MeasuredProfile._normalized(path, degrees, intensity)
 
@@ -100,25 +102,68 @@ def _columns(text: str) -> tuple[Array, Array]:
     rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if rows and re.search("[a-zA-Z]{2}", rows[0]):
         rows = rows[1:]
-    table = np.array([[float(x) for x in re.split(r"[,;\s]+", row.strip())] for row in rows])
-    if table.ndim != 2 or table.shape[1] != 2:
-        raise ValueError("each line needs an angle in degrees and an intensity")
-    return table[:, 0], table[:, 1]
+    table = []
+    for row in rows:
+        numbers = _numbers(row.strip(), r"[,;\s]+")
+        if len(numbers) != 2:
+            raise ValueError(f"each line needs an angle in degrees and an intensity, not {row!r}")
+        table.append(numbers)
+    angles, intensity = np.array(table).reshape(-1, 2).T
+    return angles, intensity
 
 
 def _ies(text: str) -> tuple[Array, Array]:
-    """Return degrees and candela of an IES file, as in ANSI/IES LM-63."""
+    """Return degrees and candela of an IES file, as in ANSI/IES LM-63.
+
+    After ``TILT=NONE`` come 13 numbers of the lamp, among them the factor of all intensities and
+    how many angles and planes there are; then the angles, those of the planes, and the intensities,
+    plane by plane.
+    """
     _, found, rest = text.partition("TILT=")
     if not found or not rest.lstrip().upper().startswith("NONE"):
         raise ValueError("it is no IES file with TILT=NONE")
-    numbers = [float(x) for x in re.split(r"[,\s]+", rest.split("\n", 1)[1].strip())]
-    vertical, planes = int(numbers[3]), int(numbers[4])
-    angles = np.array(numbers[13 : 13 + vertical])
-    candela = np.array(numbers[13 + vertical + planes :][: vertical * planes])
-    candela = numbers[2] * candela.reshape(planes, vertical)
+    numbers = _numbers(rest.partition("\n")[2].strip(), r"[,\s]+")
+    if len(numbers) < HEAD:
+        raise ValueError(
+            f"it ends too early and has {len(numbers)} of the {HEAD} numbers of the lamp that "
+            "follow TILT=NONE"
+        )
+    counts = numbers[3:5]
+    if not all(count >= 1 and count.is_integer() for count in counts):
+        raise ValueError(
+            f"it has {counts[0]:g} angles in {counts[1]:g} planes, where both are whole numbers of "
+            "at least 1"
+        )
+    vertical, planes = map(int, counts)
+    end = HEAD + vertical + planes
+    count = vertical * planes
+    missing = end + count - len(numbers)
+    if missing > count:
+        raise ValueError(
+            f"it ends too early and lacks {missing - count} of the {vertical + planes} angles "
+            "before its intensities"
+        )
+    if missing > 0:
+        raise ValueError(
+            f"it ends too early and lacks {missing} of its {count} intensities ({vertical} angles "
+            f"in {planes} plane{'s' * (planes != 1)})"
+        )
+    angles = np.array(numbers[HEAD : HEAD + vertical])
+    candela = numbers[2] * np.array(numbers[end : end + count]).reshape(planes, vertical)
     if np.ptp(candela, axis=0).max() > ASYMMETRY_MAX * candela.max():
         raise ValueError("its planes differ: only beams that are round about their axis are known")
     return angles, candela.mean(axis=0)
+
+
+def _numbers(text: str, separators: str) -> list[float]:
+    """Return the numbers in a text."""
+    words, numbers = [word for word in re.split(separators, text) if word], []
+    for word in words:
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            raise ValueError(f"{word!r} stands where a number belongs") from None
+    return numbers
 
 
 def _refused(path: Path, why: str) -> RenderError:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import operator
-from collections.abc import Iterator
-from difflib import get_close_matches
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,10 @@ from render.errors import SceneError
 from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
-from render.scene.quantities import Part
+from render.scene.lamps_file import LampLines, RefusedLamps
 from render.scene.schema import SCENE_NAME, Scene
-from render.scene.serialization import part_class
-from render.scene.states import STATE_NAME
+from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
+from render.scene.states import REST_REFUSED, STATE_NAME
 
 _TEXTS = {
     SCENE_NAME: "1 to 64 of a-z, 0-9, _ and -, the first a letter or a digit",
@@ -48,7 +47,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     Raises:
         SceneError: as `load_scene` does.
     """
-    raw = _parsed(text, origin)
+    raw, lines = _with_listed_lamps(_parsed(text, origin), folder)
     try:
         context: dict[str, Any] = {
             "colors": colors_in(raw),
@@ -64,16 +63,27 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
                 Scene.model_validate(without, context=context)
             except ValidationError as further:
                 problems += _problems(further)
+        told = "; ".join(_sentence(problem, raw, lines) for problem in problems)
         raise SceneError(
-            f"{origin} is not a valid scene: " + "; ".join(map(_sentence, problems)),
+            f"{origin} is not a valid scene: {told}",
             field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
 
 
 def _problems(error: ValidationError) -> list[Any]:
-    """Return what is wrong; a list all of whose entries are refused is not empty besides."""
+    """Return what is wrong, once: not what follows from another problem.
+
+    A list all of whose entries are refused is not empty besides, and states of a refused skin are
+    not refused besides.
+    """
     found: list[Any] = error.errors(include_url=False)
-    return [one for one in found if one["type"] != "too_short" or not one["input"]]
+    followed = any(one["loc"][:2] == ("skin", "mesh") for one in found)
+    return [
+        one
+        for one in found
+        if not (one["type"] == "too_short" and one["input"])
+        and not (one["type"] == REST_REFUSED and followed)
+    ]
 
 
 def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:
@@ -97,6 +107,28 @@ def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict
     return dict(mended)
 
 
+def _with_listed_lamps(
+    raw: dict[str, Any], folder: Path
+) -> tuple[dict[str, Any], LampLines | None]:
+    """Return a scene file with the lamps of the CSV file that it names, and their lines."""
+    if LAMPS_FILE not in raw:
+        return raw, None
+    name = raw[LAMPS_FILE]
+    others = {key: part for key, part in raw.items() if key != LAMPS_FILE}
+    lamps: Any
+    if "lamps" in raw:
+        lamps = RefusedLamps("lamps_file: lamps are listed in this file too, allowed: one")
+    elif not isinstance(name, str):
+        lamps = RefusedLamps(f"lamps_file = {in_toml(name)}, allowed: the name of a CSV file")
+    else:
+        try:
+            lines = LampLines.read(folder, name)
+            return others | {"lamps": lines.lamps}, lines
+        except ValueError as error:
+            lamps = RefusedLamps(f"lamps_file = {name}: {error}")
+    return others | {"lamps": lamps}, None
+
+
 def _mesh_file(raw: dict[str, Any]) -> str | None:
     """Return the file of the skin at rest that a scene names, which its states follow."""
     mesh = raw["skin"].get("mesh") if isinstance(raw.get("skin"), dict) else None
@@ -107,7 +139,7 @@ def _mesh_file(raw: dict[str, Any]) -> str | None:
 def sources(name_or_path: str | Path) -> dict[str, str]:
     """Return the source of every value of a scene file, keyed like ``pad.width``."""
     raw = _parsed(scene_text(name_or_path), str(name_or_path))
-    return dict(_sources(raw))
+    return dict(_sources(_with_listed_lamps(raw, Path(name_or_path).parent)[0]))
 
 
 def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
@@ -116,7 +148,7 @@ def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
         yield key, str(content["source"])
         return
     parts: Any = content.items() if isinstance(content, dict) else ()
-    if isinstance(content, list):
+    if isinstance(content, list | tuple):
         parts = enumerate(content)
     for name, part in parts:
         if key == "colors":
@@ -158,51 +190,36 @@ def _parsed(text: str, origin: str) -> dict[str, Any]:
         raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
-def _sentence(problem: Any) -> str:
+def _sentence(problem: Any, raw: Mapping[str, Any], lines: LampLines | None) -> str:
     """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
-    key = ".".join(str(part) for part in problem["loc"])
-    kind = problem["type"]
+    if isinstance(problem["input"], RefusedLamps):
+        return str(problem["input"])
+    place, kind = problem["loc"], problem["type"]
+    listed = lines is not None and place[:1] == ("lamps",)
+    key = lines.key(place) if lines and listed else ".".join(map(str, place))
     if kind == "extra_forbidden":
-        return f"unknown key {key}{_instead(problem['loc'])}"
+        return f"unknown key {key}{instead_of_key(problem['loc'], raw)}"
     if kind == "missing":
         return f"missing key {key}"
     message = problem["msg"].removeprefix("Value error, ")
     if kind == "value_error" and not key:
-        return str(message)
+        return lines.named(message) if lines else str(message)
     value = problem["input"]
-    allowed = allowed_words(problem, _known_keys(problem["loc"]))
+    allowed = allowed_words(problem, [*keys_at(problem["loc"])])
+    more = instead_of_value(problem, raw)
     if allowed:
         value = value["value"] if kind == "number_or_list" else value
-        return f"{key} = {in_toml(value)}, allowed: {allowed}"
+        return f"{key} = {in_toml(value)}, allowed: {allowed}{more}"
     if isinstance(value, dict) and "value" in value:
         value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
+    elif isinstance(value, dict) and set(value) == {"file", "source"}:
+        value = value["file"]
     value = _plain(value)
     if kind == "string_pattern_mismatch":
         return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
-    return f"{key} = {value}: {message}"
+    return f"{key} = {value}: {message}{more}"
 
 
 def _plain(value: Any) -> str:
     """Return a value as a TOML file has it, a text without its quotes."""
     return value if isinstance(value, str) else in_toml(value)
-
-
-def _instead(place: tuple[int | str, ...]) -> str:
-    """Return what a file may hold in place of an unknown key: the nearest, or all there are."""
-    known = _known_keys(place[:-1])
-    near = get_close_matches(str(place[-1]), known, n=1, cutoff=0.7)
-    if near:
-        return f", did you mean {near[0]}?"
-    return f", allowed: {', '.join(known)}" if known else ""
-
-
-def _known_keys(place: tuple[int | str, ...]) -> list[str]:
-    """Return the keys of the part at a ``place`` of a scene file; none where no part is known."""
-    part: type[Part] = Scene
-    try:
-        for step in place:
-            if isinstance(step, str):
-                part = part_class(part.model_fields[step].annotation)
-    except (KeyError, TypeError):
-        return []
-    return [field.alias or name for name, field in part.model_fields.items() if name != "carried"]

@@ -38,17 +38,22 @@ class MeshHeights(Part):
     """Heights of a body's upper side, from its file.
 
     ``sides`` are those of its outline along x and y in mm, ``heights`` in mm over its crown, rows
-    along y. Its outline has the origin in the middle; its height over z = 0 does not matter.
+    along y. Its outline has the origin in the middle; its height over z = 0 does not matter, as the
+    crown lies at ``pad.thickness``. ``body_height`` is that of the whole body in mm: it changes no
+    light, and people may compare it.
     """
 
     sides: tuple[float, ...]
     heights: tuple[float, ...]
+    body_height: float | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, raw: Any, info: ValidationInfo) -> Any:
-        samples = MeshSamples.of(closed_body(named_file(raw, info)))
+        body = closed_body(named_file(raw, info))
+        samples, (low, high) = MeshSamples.of(body), body.bounds[:, 2]
         return {
+            "body_height": round(float(high - low), 6),
             "sides": tuple(samples.sides.tolist()),
             "heights": tuple(samples.heights.ravel().tolist()),
         }
@@ -130,6 +135,9 @@ def _crown(sides: tuple[float, ...], heights: tuple[float, ...]) -> float:
 def closed_body(path: Path) -> trimesh.Trimesh:
     """Return a closed mesh, mm."""
     mesh = read_mesh(path)
+    if not mesh.is_watertight:
+        # Named parts of one file have corners of their own, as faces of other textures have.
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
     if not mesh.is_watertight:
         _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
         raise ValueError(

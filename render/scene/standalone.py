@@ -15,7 +15,7 @@ from typing import Any
 
 from render.errors import SceneError
 from render.files import read_bytes, read_text
-from render.scene.lamps import lamps_of_file
+from render.scene.lamps_file import LampLines
 from render.scene.scene_file import load_scene, scene_text
 
 OUTSIDE = "files"
@@ -44,7 +44,7 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
     text = scene_text(name_or_path)
     raw, folder = tomllib.loads(text), Path(name_or_path).parent
     table = raw.get("lamps_file")
-    listed = lamps_of_file(folder / table) if table is not None else []
+    listed = LampLines.read(folder, table).lamps if table is not None else ()
     bodies = [raw.get("skin", {}), *raw.get("states", ())]
     meshes = [body["mesh"]["file"] for body in bodies if "mesh" in body]
     named = [*_profiles(raw.get("rows", ())), *_profiles(raw.get("lamps", ()))]

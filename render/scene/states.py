@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
+from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
 from render.scene.parts import CarriedSites, Pad, Sites
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 STATE_NAME = r"^[a-z0-9][a-z0-9_-]{0,31}$"
 REST = "rest"
 """Name of the state that ``skin`` and ``pad.thickness`` are of, the first of all."""
+REST_REFUSED = "rest_refused"
+"""Type of the problem of a state whose skin at rest has one of its own."""
 NEWTON_STEPS = 12
 """Steps in which a place of the moved skin finds where it was at rest."""
 LOST = 0.1
@@ -71,12 +74,13 @@ class MovedMesh(MeshHeights):
         moved = closed_body(path)
         try:
             rest = closed_body((info.context or {}).get("folder", Path()) / named)
+            at_rest = MeshSamples.of(rest)
         except ValueError:
-            raise ValueError(
-                f"{path.name} follows skin.mesh, which is no closed body: mend that first"
+            raise PydanticCustomError(
+                REST_REFUSED, "it follows skin.mesh, which is refused: mend that first"
             ) from None
         _check_topology(moved, rest, path.name, Path(named).name)
-        return _moved_content(rest, moved, path.name)
+        return _moved_content(at_rest, moved, path.name)
 
     @property
     def sentence(self) -> str:
@@ -278,9 +282,9 @@ def _check_topology(moved: trimesh.Trimesh, rest: trimesh.Trimesh, name: str, of
         )
 
 
-def _moved_content(rest: trimesh.Trimesh, moved: trimesh.Trimesh, name: str) -> dict[str, Any]:
+def _moved_content(at_rest: MeshSamples, moved: trimesh.Trimesh, name: str) -> dict[str, Any]:
     """Return the fields of a `MovedMesh`; moves are rounded as heights are."""
-    at_rest, here = MeshSamples.of(rest), MeshSamples.of(moved)
+    here = MeshSamples.of(moved)
     corners = np.asarray(moved.triangles)[at_rest.triangle]
     u, v = at_rest.weights[..., 0, None], at_rest.weights[..., 1, None]
     place = corners[..., 0, :] * (1 - u - v) + corners[..., 1, :] * u + corners[..., 2, :] * v

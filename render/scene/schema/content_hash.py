@@ -28,6 +28,7 @@ def content_hash(scene: Scene) -> str:
             content["coating"].pop(key, None)
     for color in content.get("colors", ()):
         color.pop("ink", None)
+    content.get("skin", {}).get("mesh", {}).pop("body_height", None)
     for state in content.get("states", ()):
         state.pop("name")
     # However the file groups them, and only those that are not like the rest of the pad.

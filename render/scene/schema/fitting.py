@@ -55,7 +55,7 @@ def fitting_problems(scene: Scene) -> list[str]:
     if not placing:
         problems += _embedding_problems(scene) if scene.skin is None else _skin_problems(scene)
     palette = scene.palette
-    problems += palette.problems()
+    problems += palette.problems(named=scene.colors is not None)
     if scene.constraints is not None:
         problems += scene.constraints.problems(palette, scene.lamp_count)
     if scene.tolerances is not None and scene.tolerances.sigma_v is not None:
@@ -220,7 +220,7 @@ def _fiber_problems(scene: Scene, fibers: Fibers) -> Iterator[str]:
         yield (
             f"fibers.diameter = {fibers.diameter:g} mm cuts into the "
             f"{'diffuser' if scene.diffuser else 'pad'} when the fiber turns, allowed: below "
-            f"2 fibers.gap = {2 * fibers.gap:g} mm"
+            f"2 fibers.gap = {2 * fibers.gap:g} mm ([[rows]] of schema = 2 need not turn)"
         )
     for row in fibers.rows():
         side = scene.pad.width if row.edge == "tip" else scene.pad.length

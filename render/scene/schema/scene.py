@@ -9,10 +9,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, model_validator
+from pydantic import Field, model_validator
 
 from render.errors import SceneError
 from render.scene.camera import Camera
@@ -37,7 +36,6 @@ from render.scene.lamps import (
     ListedLamp,
     PlacedLamp,
     Row,
-    lamps_of_file,
     placed_lamps,
 )
 from render.scene.parts import (
@@ -89,21 +87,11 @@ class Scene(Part):
 
     @model_validator(mode="before")
     @classmethod
-    def _lists_become_tuples(cls, raw: Any, info: ValidationInfo) -> Any:
-        """Read the file of lamps; TOML has lists where parts are tuples."""
+    def _lists_become_tuples(cls, raw: Any) -> Any:
+        """TOML has lists where parts are tuples."""
         if not isinstance(raw, dict):
             return raw
         raw = dict(raw)
-        if "lamps_file" in raw:
-            name, folder = raw.pop("lamps_file"), (info.context or {}).get("folder", Path())
-            if "lamps" in raw:
-                raise ValueError("lamps_file: lamps are listed in this file too, allowed: one")
-            if not isinstance(name, str):
-                raise ValueError(f"lamps_file = {name}, allowed: the name of a CSV file")
-            try:
-                raw["lamps"] = lamps_of_file(folder / name)
-            except ValueError as error:
-                raise ValueError(f"lamps_file = {name}: {error}") from error
         for key in ("faces", "rows", "lamps", "states"):
             if isinstance(raw.get(key), list):
                 raw[key] = tuple(raw[key])

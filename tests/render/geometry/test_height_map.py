@@ -152,3 +152,28 @@ def test_a_file_that_cannot_be_pressed_in_raises_one_clear_error(
         trimesh.creation.box(size).export(path)
     with pytest.raises(SceneError, match=said):
         body_of_file(scene, path, depth, smoothing=2.0)
+
+
+@pytest.mark.parametrize("corner", [(3.0, 0.0, 2.0), (0.01, 0.0, 2.0)])
+def test_a_file_without_an_area_seen_from_below_raises_one_clear_error(
+    scene: Scene, tmp_path: Path, corner: tuple[float, float, float]
+) -> None:
+    """An upright triangle, and another that falls between the places of the skin."""
+    points = [[0.0, 0.0, 0.0], corner, [corner[0], 1e-4 * (corner[0] < 1.0), 1.0]]
+    trimesh.Trimesh(points, [[0, 1, 2]], process=False).export(tmp_path / "blade.stl")
+    with pytest.raises(SceneError, match=r"has no area seen from below, at places 0\.\d+ mm apart"):
+        body_of_file(scene, tmp_path / "blade.stl", 0.5)
+
+
+def test_an_open_shell_presses_as_the_closed_body_of_the_same_lower_side(
+    scene: Scene, tmp_path: Path
+) -> None:
+    box = trimesh.creation.box((4.0, 3.0, 2.0))
+    closed = box.copy()
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    assert not box.is_watertight
+    depths = []
+    for body in (closed, box):
+        body.export(tmp_path / "box.stl")
+        depths.append(body_of_file(scene, tmp_path / "box.stl", 0.5).depth)
+    np.testing.assert_array_equal(depths[0], depths[1])

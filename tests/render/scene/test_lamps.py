@@ -119,40 +119,6 @@ def test_fibers_and_rows_are_not_named_together(tmp_path: Path) -> None:
         load_scene(path)
 
 
-HEADER = "x,y,z,direction_x,direction_y,direction_z,diameter,"
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        (HEADER + "sigma_v\n0,0,-5,0,0,1,oh,20\n", "line 2: diameter = 'oh', allowed: a number"),
-        ("x,y\n1,2\n", "has the columns x, y, allowed: x, y, z"),
-        ("", "has no lamps"),
-        (HEADER + "profile,turns\n0,0,-5,0,0,1,1,lambertian,maybe\n", "turns = 'maybe'"),
-        (None, "cannot be read"),
-    ],
-)
-def test_a_file_of_lamps_that_cannot_be_read_is_told_where(
-    tmp_path: Path, text: str | None, sentence: str
-) -> None:
-    if text is not None:
-        (tmp_path / "lamps.csv").write_text(text)
-    path = rewritten(tmp_path, ("schema = 1", 'schema = 2\nlamps_file = "lamps.csv"'))
-    with pytest.raises(SceneError) as caught:
-        load_scene(path)
-    assert sentence in str(caught.value)
-
-
-def test_a_file_of_lamps_says_the_same_as_a_list(tmp_path: Path) -> None:
-    (tmp_path / "lamps.csv").write_text(HEADER + "cosine_exponent\n0,-19,-3,0,1,1,1.5,4\n")
-    baseline = ('right = "green"', 'right = "green"\nlamps = ["red"]')
-    path = rewritten(tmp_path, ("schema = 1", 'schema = 2\nlamps_file = "lamps.csv"'), baseline)
-    (lamp,) = load_scene(path).lamps or ()
-    assert lamp.position == (0.0, -19.0, -3.0)
-    assert lamp.profile == Profile.model_construct(cosine_exponent=4.0)
-    assert load_scene(path).lamp_count == 21
-
-
 @pytest.mark.parametrize(
     "profile",
     [

@@ -59,7 +59,7 @@ def test_an_unknown_key_is_told_what_could_stand_there(tmp_path: Path) -> None:
     assert "unknown key coating.gloss, allowed: albedo" in text
     assert "unknown key sites.row, did you mean rows?" in text
     text = refusal(tmp_path, ("[coating]", "[[colours]]\nname = 1\n[coating]"))
-    assert "unknown key colours, did you mean colors?" in text
+    assert "unknown key colours, did you mean colors, which needs schema = 2?" in text
 
 
 def test_a_list_of_refused_entries_is_not_called_empty_too(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -131,3 +132,60 @@ def test_the_mesh_travels_with_its_scene(tmp_path: Path) -> None:
 
 def test_describe_says_its_size_and_depth() -> None:
     assert "mesh of 20 x 24 mm, down to 4.34 mm under its crown" in describe(SPHERE).text()
+
+
+def named_parts(body: trimesh.Trimesh) -> str:
+    """Return an ASCII STL file with the triangles that face up in one solid, the rest in another.
+
+    Both have the corners of the seam between them.
+    """
+    upper = body.face_normals[:, 2] > 0.3
+    lines = []
+    for name, part in (("skin", upper), ("body", ~upper)):
+        lines.append(f"solid {name}")
+        for normal, corners in zip(body.face_normals[part], body.triangles[part], strict=True):
+            lines += [f"facet normal {' '.join(f'{x:.6g}' for x in normal)}", "outer loop"]
+            lines += [f"vertex {' '.join(f'{x:.6g}' for x in corner)}" for corner in corners]
+            lines += ["endloop", "endfacet"]
+        lines.append(f"endsolid {name}")
+    return "\n".join(lines) + "\n"
+
+
+def test_a_closed_body_whose_file_names_its_parts_is_one_body(tmp_path: Path) -> None:
+    scene_on(flat_block(), tmp_path)
+    parts, hashes = named_parts(flat_block()), []
+    for text in (parts, parts.replace("endsolid skin\nsolid body\n", "")):
+        (tmp_path / "gel.stl").write_text(text)
+        hashes.append(load_scene(tmp_path / "scene.toml").hash)
+    assert hashes[0] == hashes[1]
+
+
+def test_a_hole_between_named_parts_is_still_a_leak(tmp_path: Path) -> None:
+    scene_on(flat_block(), tmp_path)
+    body = flat_block()
+    body.update_faces(np.arange(len(body.faces)) > 0)
+    (tmp_path / "gel.stl").write_text(named_parts(body))
+    with pytest.raises(SceneError, match="leaks: 3 of its edges do not join two triangles"):
+        load_scene(tmp_path / "scene.toml")
+
+
+def test_a_body_of_another_height_than_the_pad_is_the_same_skin_and_describe_says_both(
+    tmp_path: Path,
+) -> None:
+    """A gel drawn without its plate, and one that floats in its file."""
+
+    def gel(height: float, lift: float = 0.0) -> trimesh.Trimesh:
+        # Corners that single precision holds.
+        body = body_under(lambda x, _: height - 0.25 * (np.abs(x) > 5.0), (18.3, 25.0), 8)
+        return body.apply_translation([0.0, 0.0, lift])
+
+    whole, thin, afloat = (scene_on(gel(*at), tmp_path) for at in ((6.0,), (2.0,), (2.0, 4.0)))
+    assert whole.hash == thin.hash == afloat.hash
+    for scene, height in ((whole, 6), (thin, 2), (afloat, 2)):
+        left_out = {part.what: part.why for part in describe(scene).left_out}
+        assert re.fullmatch(
+            r"the skin is the upper side alone, 5\.\d+ to 6\.15 mm over the pad's lower face: its "
+            rf"crown is at pad\.thickness; the body in its file is {height} mm high",
+            left_out["lower side of skin.mesh"],
+        )
+    assert "lower side of skin.mesh" not in describe(load_scene("digit")).text()

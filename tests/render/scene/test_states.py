@@ -251,3 +251,25 @@ def test_the_page_shows_scenes_that_load(folder: Path) -> None:
     scene = written(folder, f"{body}\n{dome}")
     assert scene.state_names == ("rest", "flattened")
     assert scene.in_state(1.0).pad.thickness == 5.2
+
+
+def test_a_refused_skin_is_told_once_and_not_again_for_each_of_its_states(folder: Path) -> None:
+    aside = rest_body(16)
+    aside.apply_translation([1.0, 0.0, 0.0])
+    aside.export(folder / "aside.stl")
+    trimesh.creation.cylinder(radius=6.0, height=6.0).export(folder / "coin.stl")
+    for name, sentence in (
+        ("aside", "aside.stl has its middle 1 mm beside the origin"),
+        ("absent", "absent.stl is no body: there is no such file"),
+        ("coin", "the upper side ends within the outline"),
+    ):
+        said = refusal(folder, scene_text_of("pressed", "low", mesh=f"{name}.stl"))
+        assert said.count(sentence) == 1
+        assert "states" not in said
+    # What is wrong with a state itself is told all the same.
+    leaky = moved_body("pressed", 16)
+    leaky.update_faces(np.arange(len(leaky.faces)) > 0)
+    leaky.export(folder / "leaky.stl")
+    said = refusal(folder, scene_text_of("pressed", "leaky", mesh="aside.stl"))
+    assert "states.1.mesh" in said
+    assert "states.0" not in said

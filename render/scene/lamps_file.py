@@ -1,0 +1,151 @@
+"""Lamps that a CSV file lists, a line each, instead of the scene file itself.
+
+What is wrong with a line is found where the rest of the scene is validated, so that all of it is
+told at once; `LampLines` knows which line a lamp is from. A line that is no lamp stands in the list
+as the `RefusedLamps` that says why, and so does a file that has none.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from render.files import read_text
+
+COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
+CHOICES = ("sigma_v", "cosine_exponent", "profile")
+"""Columns of which a file has one: deg, a number, or ``lambertian`` and names of profile files."""
+TURNS = "turns"
+"""Column that a file may have: ``true`` or ``false``, which nothing means too."""
+
+
+class RefusedLamps(ValueError):
+    """What stands in a scene in place of lamps that cannot be read: a sentence that says why."""
+
+
+@dataclass(frozen=True)
+class LampLines:
+    """The lamps of a file as a scene file would list them, and where each is from.
+
+    Arguments:
+        name: of the file, as the scene file has it.
+        lines: number of each lamp's line, from 1.
+        lamps: in the order of the lines.
+    """
+
+    name: str
+    lines: tuple[int, ...]
+    lamps: tuple[dict[str, Any] | RefusedLamps, ...]
+
+    @staticmethod
+    def read(folder: Path, name: str) -> LampLines:
+        """Return the lamps of a file beside the scene in ``folder``.
+
+        Columns, in any order: `COLUMNS` (mm; a direction of any length), one of `CHOICES`, and
+        perhaps `TURNS`.
+
+        Raises:
+            ValueError: a phrase that says why the file lists no lamps.
+        """
+        rows, lines = [], []
+        try:
+            stream = io.StringIO(read_text(folder / name), newline="")
+            reader = csv.DictReader(stream, skipinitialspace=True)
+            for row in reader:
+                rows.append(row)
+                lines.append(reader.line_num)
+        except csv.Error as error:
+            raise ValueError(f"cannot be read: {error}") from error
+        if not rows:
+            raise ValueError("has no lamps: give a header line and one line for each")
+        names = list(reader.fieldnames or ())
+        chosen = [choice for choice in CHOICES if choice in names]
+        known = {*COLUMNS, *CHOICES, TURNS}
+        if not set(COLUMNS) <= set(names) or len(chosen) != 1 or set(names) - known:
+            raise ValueError(
+                f"has the columns {', '.join(names)}, allowed: {', '.join(COLUMNS)}, one of "
+                f"{', '.join(CHOICES)}, and perhaps {TURNS}"
+            )
+        lamps = [
+            _lamp_of_line(row, f"{name} line {line}", chosen[0])
+            for row, line in zip(rows, lines, strict=True)
+        ]
+        return LampLines(name, tuple(lines), tuple(lamps))
+
+    def key(self, place: tuple[int | str, ...]) -> str:
+        """Return line and column of a ``place`` in the scene: ``("lamps", 2, "diameter")``."""
+        _, number, *inner = place
+        line = f"{self.name} line {self.lines[int(number)]}"
+        if not inner:
+            return line
+        column = str(inner[-1])
+        if inner[0] in ("position", "direction"):
+            first = 0 if inner[0] == "position" else 3
+            column = COLUMNS[first + int(inner[1])] if len(inner) > 1 else str(inner[0])
+        return f"{line}: {column}"
+
+    def named(self, sentence: str) -> str:
+        """Return a sentence in which lamps that it calls ``lamps.2`` are called by their lines."""
+
+        def line_of(found: re.Match[str]) -> str:
+            inner = (found[2],) if found[2] else ()
+            return self.key(("lamps", int(found[1]), *inner))
+
+        return re.sub(r"(?<![\w.])lamps\.(\d+)(?:\.(\w+))?", line_of, sentence)
+
+
+def _lamp_of_line(
+    row: dict[str | Any, Any], where: str, choice: str
+) -> dict[str, Any] | RefusedLamps:
+    """Return the lamp of a line; what is no number stays a text, for validation to refuse."""
+    surplus = [cell for cell in row.pop(None, ()) if cell.strip()]
+    if surplus:
+        return RefusedLamps(
+            f"{where} has {len(row) + len(surplus)} fields, allowed: {len(row)}, one for each "
+            "column"
+        )
+    missing = [name for name, cell in row.items() if cell is None and name != TURNS]
+    if missing:
+        return RefusedLamps(
+            f"{where} ends before {', '.join(missing)}, allowed: a field for each column"
+        )
+
+    def quantity(value: Any, unit: str = "") -> dict[str, Any]:
+        return {"value": value, "source": where} | ({"unit": unit} if unit else {})
+
+    def vector(first: int) -> list[float | str]:
+        return [_number(row[name]) for name in COLUMNS[first : first + 3]]
+
+    turns = (row.get(TURNS) or "").strip()
+    if choice == "profile":
+        profile = _named_profile(row[choice].strip(), where)
+    else:
+        profile = {choice: quantity(_number(row[choice]), "deg" if choice == "sigma_v" else "")}
+    return {
+        "position": quantity(vector(0), "mm"),
+        "direction": quantity(vector(3)),
+        "diameter": quantity(_number(row["diameter"]), "mm"),
+        "profile": profile,
+        "turns": {"true": True, "false": False, "": False}.get(turns.lower(), turns),
+    }
+
+
+def _named_profile(name: str, where: str) -> dict[str, Any] | RefusedLamps:
+    if name == "lambertian":
+        return {"cosine_exponent": {"value": 1.0, "source": where}}
+    if not name:
+        return RefusedLamps(
+            f"{where}: profile is empty, allowed: lambertian, or the name of an IES or CSV file"
+        )
+    return {"file": name, "source": where}
+
+
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
