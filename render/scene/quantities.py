@@ -174,7 +174,8 @@ def check_range(value: float, low: float, high: float, unit: str) -> None:
     """Refuse a value outside ``[low, high]``, also NaN, with the whole allowed range."""
     if not low <= value <= high:
         allowed = allowed_range(low, high, unit)
-        raise PydanticCustomError("out_of_range", "allowed: {allowed}", {"allowed": allowed})
+        about = {"allowed": allowed, "low": low}
+        raise PydanticCustomError("out_of_range", "allowed: {allowed}", about)
 
 
 def quantity_form(fields: dict[str, Any], unit: str) -> dict[str, Any]:

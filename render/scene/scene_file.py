@@ -21,6 +21,8 @@ from render.scene.schema import SCENE_NAME, Scene
 from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
 from render.scene.states import REST_REFUSED, STATE_NAME
 
+USUAL_INDEX = 1.41
+"""Stands in for an index out of range while the rest of a file is looked at."""
 _TEXTS = {
     SCENE_NAME: "1 to 64 of a-z, 0-9, _ and -, the first a letter or a digit",
     STATE_NAME: "1 to 32 of a-z, 0-9, _ and -, the first a letter or a digit",
@@ -57,7 +59,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
         return Scene.model_validate(raw, context=context)
     except ValidationError as error:
         problems = _problems(error)
-        without = _without_words(raw, problems, context["colors"][0])
+        without = _with_stand_ins(raw, problems, context["colors"][0])
         if without is not None:
             try:
                 Scene.model_validate(without, context=context)
@@ -86,10 +88,11 @@ def _problems(error: ValidationError) -> list[Any]:
     ]
 
 
-def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:
-    """Return the file without unknown keys and colors, so that its geometry is looked at too.
+def _with_stand_ins(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:
+    """Return the file with what geometry does not ask for made right, so that it is looked at too.
 
-    None where anything else is wrong, for then there is no geometry.
+    Unknown keys are left out; unknown colors, and materials out of range, have values that are
+    allowed. None where anything else is wrong, for then there is no geometry.
     """
     mended: Any = copy.deepcopy(raw)
     for problem in problems:
@@ -100,9 +103,11 @@ def _without_words(raw: dict[str, Any], problems: list[Any], color: str) -> dict
                 del part[last]
             elif problem["type"] == "unknown_color":
                 part[last] = color
+            elif problem["type"] == "out_of_range" and part[last].get("unit", "") in ("", "1/mm"):
+                part[last]["value"] = USUAL_INDEX if last == "index" else problem["ctx"]["low"]
             else:
                 return None
-        except (KeyError, IndexError, TypeError):  # a place within a choice of types
+        except (KeyError, IndexError, TypeError, AttributeError):  # within a choice of types
             return None
     return dict(mended)
 

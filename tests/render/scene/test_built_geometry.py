@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from render.errors import SceneError
 from render.geometry import fiber_poses, flat_fiber_poses
-from render.scene import Scene
+from render.scene import Scene, load_scene, scene_text
 from tests.oracles.pads import BASE, DOME, MM, RIM, in_file_form, listed, row, window
 
 
@@ -145,3 +148,14 @@ def test_the_skin_is_looked_at_beside_a_camera_that_is_wrong() -> None:
 def test_a_lamp_on_the_coating_is_told_of_the_coating() -> None:
     said = refusal(listed(0, 0, 4.5, 1, 0, 0))
     assert "lamps.0 at (0, 0, 4.5) mm lies on the coating, which is opaque" in said
+
+
+def test_geometry_is_looked_at_beside_a_material_out_of_range(tmp_path: Path) -> None:
+    text = scene_text("gelsight-mini")
+    mended = re.sub(r"roughness = \{ value = [0-9.]+", "roughness = { value = 0.9", text, count=1)
+    mended = re.sub(r"thickness = \{ value = [0-9.]+", "thickness = { value = 1.0", mended, count=1)
+    path = tmp_path / "scene.toml"
+    path.write_text(mended)
+    with pytest.raises(SceneError, match="lies above the pad") as caught:
+        load_scene(path)
+    assert "pad.roughness = 0.9: allowed: 0 to 0.5; " in str(caught.value)
