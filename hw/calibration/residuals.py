@@ -28,6 +28,7 @@ import numpy as np
 from hw.calibration.line_model import LineModel, with_channels
 from hw.calibration.measurement import Measurement
 from hw.errors import CalibrationError
+from optimize.ui.console import counted
 from render.arrays import Array
 
 MIN_RELATIVE_ERROR = 0.003
@@ -63,8 +64,9 @@ class CalibrationResiduals:
         enough = min(MIN_FIBERS, model.table.coefficients.shape[2])
         if len(self.fibers) < enough:
             raise CalibrationError(
-                f"{len(self.fibers)} fibers were photographed, allowed: at least {enough}; capture "
-                "a sweep",
+                f"{counted(len(self.fibers), 'fiber was', 'fibers were')} photographed, allowed: "
+                f"at least {enough}; capture a sweep with --white 1 of a design that lights as "
+                "many",
                 field="measurements",
             )
 

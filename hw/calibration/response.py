@@ -22,6 +22,7 @@ from hw.calibration.rig_fit import Calibration
 from hw.camera.photo_set import PhotoSet
 from hw.camera.projection import pad_positions
 from hw.errors import CalibrationError
+from optimize.ui.console import counted
 from render.arrays import Array
 from render.scene import Scene
 
@@ -96,8 +97,9 @@ def measured_response(
     common = sorted(set.intersection(*(set(sweep.alone) for sweep in sweeps)))
     if len(common) < MIN_FIBERS:
         raise CalibrationError(
-            f"{len(common)} fibers were photographed in all of {', '.join(names)}, allowed: at "
-            f"least {MIN_FIBERS}; capture the same sweep with --color of each",
+            f"{counted(len(common), 'fiber was', 'fibers were')} photographed in all of "
+            f"{', '.join(names)}, allowed: at least {MIN_FIBERS}; capture the same sweep with "
+            "--color of each",
             field="response",
         )
     # (fiber, color, channel)

@@ -162,20 +162,26 @@ class PhotoSet:
     alone: dict[int, Array]
     together: Array | None
 
-    def stacked(self, fibers: int, of: Callable[[Array], Array]) -> Array:
-        """Return ``of`` every photograph, ``(fiber, ...)``.
+    def stacked(self, lit: NDArray[np.bool_], of: Callable[[Array], Array]) -> Array:
+        """Return ``of`` the photograph of every fiber, ``(fiber, ...)``.
+
+        It is 0 of those that are not ``lit`` ``(fiber,)`` by the design: sweeps leave them out.
 
         Raises:
-            CaptureError: the photograph of some fiber is missing.
+            CaptureError: the photograph of some fiber that is lit is missing.
         """
-        missing = [fiber for fiber in range(fibers) if fiber not in self.alone]
+        missing = [fiber for fiber in np.flatnonzero(lit).tolist() if fiber not in self.alone]
         if missing:
             raise CaptureError(
-                f"the sweep has no photograph of fiber {missing[0]} ({len(missing)} are missing), "
-                f"allowed: all of 0 to {fibers - 1}; capture the sweep again",
+                f"the sweep has no photograph of fiber {missing[0]} ({len(missing)} "
+                f"{'is' if len(missing) == 1 else 'are'} missing), allowed: all of 0 to "
+                f"{len(lit) - 1}{'' if lit.all() else ' that the design lights'}; capture the "
+                "sweep again",
                 field="capture",
             )
-        return np.stack([of(self.alone[fiber]) for fiber in range(fibers)])
+        seen = {fiber: of(self.alone[fiber]) for fiber in np.flatnonzero(lit).tolist()}
+        dark = np.zeros_like(next(iter(seen.values())))
+        return np.stack([seen.get(fiber, dark) for fiber in range(len(lit))])
 
 
 def take_sweep(

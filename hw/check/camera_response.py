@@ -17,6 +17,8 @@ ENOUGH_FIBERS = 3
 """Fibers in a channel from which on one that is faulty does not move their median."""
 MAX_MISMATCH = 2.0
 """Factor within which a color is seen as the scene says: beyond, it is another color."""
+MIN_GAIN = 0.1
+"""Gain over the largest one from which it is that of a camera, not of dead fibers."""
 MEDIAN_ROUNDS = 20
 """Of Tukey's median polish (1977), which converges in a few."""
 
@@ -79,7 +81,9 @@ def channel_gains(
 
     Single faulty fibers do not move a median. A channel that no fiber uses gets the mean of the
     others. So does, where the healthy rig was ``recorded`` through the same camera, a channel of so
-    few fibers that a dim one would pass for its gain: the median of all fibers.
+    few fibers that a dim one would pass for its gain: it has the median of the channels of enough
+    fibers, or where there are none that of all fibers. What it is beside these is in the record,
+    and cancels: both sides scale alike.
 
     Channels that see the same LED of fibers that have ``one_led`` ``(fiber,)`` are compared through
     these: their powers, which drift, are in all of these channels alike.
@@ -111,7 +115,9 @@ def channel_gains(
                     bright[np.ix_(rows, group)],
                 )
     if recorded and few:
-        gains[few] = np.median(got[bright] / wanted[bright])
+        enough = np.delete(gains, few)
+        enough = enough[enough > MIN_GAIN * np.fmax.reduce(enough, initial=0.0)]
+        gains[few] = np.median(enough if len(enough) else got[bright] / wanted[bright])
     found = gains[np.isfinite(gains) & (gains > 0)]
     if not len(found):
         raise CaptureError(
@@ -119,7 +125,7 @@ def channel_gains(
             field="colors",
         )
     # A channel of which most fibers are dead must not divide by nothing.
-    return np.where(np.isfinite(gains) & (gains > 0.1 * found.max()), gains, found.mean())
+    return np.where(np.isfinite(gains) & (gains > MIN_GAIN * found.max()), gains, found.mean())
 
 
 def _groups(seen: NDArray[np.bool_]) -> list[list[int]]:

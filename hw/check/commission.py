@@ -134,7 +134,7 @@ def commission(prediction: PadPrediction, colors: Array, scene: Scene, bend: flo
     response = measured_response(prediction, colors, recorded=True)
     prediction = replace(prediction, response=response)
     expected = prediction.alone
-    lit: NDArray[np.bool_] = np.any(prediction.power, axis=1)
+    lit = prediction.lit
     weight = prediction.power @ own_channels(response)
     weight = weight / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
     wanted = np.einsum("fsc,fc->fs", expected, weight)

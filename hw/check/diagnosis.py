@@ -80,6 +80,19 @@ class Diagnosis:
         healthy = (FiberState.OK, FiberState.OFF)
         return [fiber for fiber in self.fibers if fiber.state not in healthy]
 
+    @property
+    def unlit(self) -> str:
+        """The sentence that names the fibers which the design leaves dark; "" where it lights all.
+
+        >>> dark = FiberDiagnosis(3, FiberState.OFF, 1.0)
+        >>> Diagnosis((dark,), 0.0, 0.0, 0.0).unlit
+        'Fiber 3 is not lit by the design.'
+        """
+        dark = [str(fiber.index) for fiber in self.fibers if fiber.state is FiberState.OFF]
+        if len(dark) > 1:
+            return f"Fibers {', '.join(dark)} are not lit by the design."
+        return f"Fiber {dark[0]} {WORDS[FiberState.OFF]}." if dark else ""
+
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
         return {

@@ -50,7 +50,7 @@ def check_image(
             field="colors",
         )
     ratio = per_channel(np.ones(prediction.cells) if ratio is None else ratio)
-    power, phi = prediction.seen_power, prediction.phi
+    power, phi, turns = prediction.seen_power, prediction.phi, prediction.turns
     turned = prediction.tinted(np.clip(phi[:, None] + TURNS, 0.0, np.pi))
     rewired = turned[:, len(TURNS) // 2] * rewired_ratio(prediction, ratio)[0]
     turned = turned * ratio[:, None]
@@ -62,7 +62,7 @@ def check_image(
 
     whiten = _whitener(prediction, straight, turned, expected, scale, tolerances)
     residual = whiten @ (seen - expected).ravel()
-    lit: NDArray[np.bool_] = np.any(power, axis=1)
+    lit = prediction.lit
     prior = np.log(tolerances.fault)
     weights: dict[tuple[int, FiberState], float] = {}
     for fiber in np.nonzero(lit)[0]:
@@ -70,6 +70,9 @@ def check_image(
         permuted = swapped_powers(prediction.power[fiber], response) @ response
         swapped = rewired[fiber] * permuted[:, None]
         faults = _changes(straight[fiber], turned[fiber], power[fiber], swapped, phi[fiber])
+        if not turns[fiber]:
+            # The model does not say how the light of a lamp that cannot turn would change.
+            faults.pop(FiberState.MOVED, None)
         for state, changes in faults.items():
             distance = residual - changes.reshape(len(changes), -1) @ whiten.T
             fits = -0.5 * np.einsum("ni,ni->n", distance, distance)

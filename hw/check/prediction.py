@@ -18,6 +18,8 @@ NODES = 13
 """Direction nodes at which the model is asked; between them light is a polynomial in phi."""
 MIN_OWN = 0.05
 """Power of an LED over the fiber's strongest one from which it counts as lit."""
+MIN_TURNED = 1e-4
+"""Change of a fiber's light with direction, over its brightest, from which there is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,11 @@ class PadPrediction:
     score: float
     domain_excess: float
     response: Array = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        """Which fibers the design lights, ``(fiber,)``."""
+        return np.asarray(np.any(self.power, axis=1))
 
     @property
     def seen_power(self) -> Array:
@@ -72,6 +79,15 @@ class PadPrediction:
     def one_led(self) -> NDArray[np.bool_]:
         """Which fibers shine with one LED, ``(fiber,)``."""
         return np.asarray(shining(self.power).sum(axis=1) == 1)
+
+    @property
+    def turns(self) -> NDArray[np.bool_]:
+        """Which fibers' light is known to change as they turn, ``(fiber,)``.
+
+        Not that of lamps which cannot: the model has one direction of theirs.
+        """
+        change = np.ptp(self.table, axis=1).reshape(len(self.table), -1).max(axis=1)
+        return np.asarray(change > MIN_TURNED * self.table.reshape(len(change), -1).max(axis=1))
 
     @property
     def cells(self) -> tuple[int, int]:

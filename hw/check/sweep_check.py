@@ -144,6 +144,7 @@ def check_sweep(
     expected = prediction.alone * ratio
     diagnoses, unmeasured = [], unmeasured_colors(prediction)
     turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))
+    turns = prediction.turns
     for fiber in range(fibers):
         power, response = prediction.power[fiber], prediction.response
         if not power.any():
@@ -152,12 +153,15 @@ def check_sweep(
         light = turned[fiber] * ratio[fiber]
         other = turned[fiber, len(TURNS) // 2] * rewired[fiber]
         reachable = np.abs(prediction.phi[fiber] + TURNS - np.pi / 2) <= np.pi / 2
+        if not turns[fiber]:
+            reachable = np.ones(len(TURNS), dtype=np.bool_)
         diagnoses.append(
             _judged(
                 _Fiber(
                     fiber,
                     seen[fiber],
                     light,
+                    bool(turns[fiber]),
                     reachable,
                     power,
                     response,
@@ -170,7 +174,7 @@ def check_sweep(
                 tolerances,
             )
         )
-    lit = prediction.power.any(axis=1)
+    lit = prediction.lit
     error = float(np.sqrt(np.mean((seen[lit] - expected[lit]) ** 2)))
     return Diagnosis(tuple(diagnoses), prediction.score, error, prediction.domain_excess)
 
@@ -199,6 +203,7 @@ def rewired_ratio(prediction: PadPrediction, ratio: Array) -> tuple[Array, Array
 class _Fiber:
     """One fiber: ``seen`` and ``noise`` ``(site, channel)``, ``light`` ``(turn, site, channel)``.
 
+    It ``turns`` where light is known to change with its direction; some turns are ``reachable``.
     ``power`` ``(color,)`` is of its LEDs, ``response`` what channels see of these, ``led_spread``
     by how much their powers differ. ``rewired`` ``(site, channel)`` is its light with LEDs of
     other colors, and ``unknown`` ``(channel,)`` a relative error that this has beside all others;
@@ -208,6 +213,7 @@ class _Fiber:
     index: int
     seen: Array
     light: Array
+    turns: bool
     reachable: Array
     power: Array
     response: Array
@@ -268,7 +274,10 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
         FiberState.OK: _mean(turned.evidence(usual), small),
         FiberState.DEAD: _mean(turned.evidence(between(0.0, DEAD_BELOW)), small),
         FiberState.DIM: _mean(turned.evidence(between(DEAD_BELOW, DIM_BELOW)), small),
-        FiberState.MOVED: _mean(turned.evidence(loose), large),
+        # What a lamp that cannot turn would look like crooked is not known, but that sites differ
+        # by as much as when others turn. Its power is no sign of it: dim ones, whose sites noise
+        # hides, would be accused of what power drifts by.
+        FiberState.MOVED: _mean(turned.evidence(loose if fiber.turns else usual), large),
         FiberState.UNCLEAR: float(unclear.evidence(between(0.0, MAX_POWER))[0]),
     }
     if len(permuted):
@@ -284,6 +293,9 @@ def _judged(fiber: _Fiber, tolerances: RigTolerances) -> FiberDiagnosis:
     prior = {state: tolerances.fault * share for state, share in shares.items()}
     prior[FiberState.OK] = 1 - tolerances.fault
     found = posterior({state: log + np.log(prior[state]) for state, log in evidence.items()})
+    if not fiber.turns:
+        # A lamp that is crooked and dirt before it look alike then.
+        found[FiberState.UNCLEAR] += found.pop(FiberState.MOVED)
     return _named(fiber, found, turned, tolerances)
 
 
@@ -298,6 +310,8 @@ def _named(
         confidence = posterior[state]
     if state is FiberState.SWAPPED and _one_hue(fiber):
         return FiberDiagnosis(fiber.index, state, confidence, detail=BY_BRIGHTNESS)
+    if state is FiberState.UNCLEAR and not fiber.turns:
+        return FiberDiagnosis(fiber.index, state, confidence, detail=SIT_STRAIGHT)
     if state in (FiberState.SWAPPED, FiberState.UNCLEAR, FiberState.DEAD):
         return FiberDiagnosis(fiber.index, state, confidence)
     turn = len(TURNS) // 2
@@ -330,6 +344,9 @@ def swapped_powers(power: Array, response: Array) -> Array:
 
 
 BY_BRIGHTNESS = "told by brightness alone, as the camera sees these LEDs in one hue"
+
+SIT_STRAIGHT = "and see that it sits straight"
+"""What else is to be done about an unclear lamp that cannot turn."""
 
 
 def _one_hue(fiber: _Fiber) -> bool:

@@ -122,7 +122,7 @@ def run(
             known = known.with_powers(powers.error)
             note(f"The fibers' powers are those of {powers.path}.")
         if isinstance(seen, PhotoSet):
-            colors = seen.stacked(scene.lamp_count, spots.colors)
+            colors = seen.stacked(prediction.lit, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1), scene.palette)
             if record is None:
                 prediction = replace(prediction, response=measured_response(prediction, colors))
@@ -207,6 +207,8 @@ def _write(
                 f"Fiber {fiber.index} {WORDS[fiber.state]}{detail} "
                 f"(confidence {100 * fiber.confidence:.1f} %)\n"
             )
+    if diagnosis.unlit:
+        stream.write(f"{diagnosis.unlit}\n")
     stream.write(
         f"Colors differ from the prediction by {diagnosis.counts_error:.2f} counts (rms); the "
         f"check took {milliseconds:.0f} ms.\n"

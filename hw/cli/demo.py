@@ -145,6 +145,8 @@ def _write(stream: IO[str], checks: dict[str, Diagnosis], result: dict[str, Any]
             for fiber in diagnosis.faults
         ]
         stream.write(f"Check, {name}: {'; '.join(said) or 'the rig looks as designed'}\n")
+    if checks["healthy"].unlit:
+        stream.write(f"{checks['healthy'].unlit}\n")
     if "truth" not in result:
         return
     print_calibration(stream, result)

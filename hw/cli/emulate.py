@@ -9,28 +9,38 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.options import SpokenProtocol
+from hw.cli.options import SceneOption, SpokenProtocol
 from hw.leds import ProtocolName
-from optimize.ui.console import note, reserved_stdout
+from optimize.ui.console import counted, note, reserved_stdout
 
 if TYPE_CHECKING:
     from hw.leds.board import Levels
 
 LOOK_SECONDS = 0.05
 """Seconds between two looks at the LEDs."""
+RGB_NAMES = ("red", "green", "blue")
 COLOR_NAMES = {"FF0000": "red", "00FF00": "green", "0000FF": "blue", "FFFFFF": "white"}
 
 
 def run(
     port: Annotated[Path, Option(help="Where the board's serial port is to appear: a new name.")],
     protocol: SpokenProtocol = ProtocolName.LINES,
-    leds: Annotated[int, Option(min=1, max=512, help="LEDs that the board drives.")] = 20,
+    leds: Annotated[
+        int | None,
+        Option(min=1, max=512, help="LEDs that the board drives (default: as the scene needs)."),
+    ] = None,
+    scene_name: SceneOption = "finger20",
 ) -> None:
     """Be an LED board for other commands, until Ctrl-C."""
     from hw.emulator.emulated_board import EmulatedBoard
     from hw.errors import PortError
+    from optimize.mounting import leds_per_fiber
+    from render.scene import load_scene
 
     with reserved_stdout() as stream:
+        scene = load_scene(scene_name)
+        names = scene.palette.names
+        leds = leds or scene.lamp_count * leds_per_fiber(len(names))
         if port.is_symlink() or port.exists():
             raise PortError(
                 f"{port} is there already: give --port a name that is free, or remove it",
@@ -45,18 +55,17 @@ def run(
         with board:
             spoken = "" if protocol is ProtocolName.LINES else f" --protocol {protocol}"
             note(
-                f"A board with {leds} LEDs is on {port} until Ctrl-C. In another shell: "
+                f"A board with {counted(leds, 'LED')} is on {port} until Ctrl-C. In another shell: "
                 f"tactilux hw set design.json --port {port}{spoken}"
             )
-            _watch(board.port, stream, lambda: board.levels)
+            _watch(board.port, stream, lambda: shown(board.levels, names))
 
 
-def _watch(port: Path, stream: IO[str], look: Callable[[], Levels]) -> None:
+def _watch(port: Path, stream: IO[str], look: Callable[[], str]) -> None:
     """Write what the LEDs show whenever that changes."""
     said = None
     while port.is_symlink():
-        levels = look()
-        told = shown(levels)
+        told = look()
         if told != said:
             stream.write(told + "\n")
             stream.flush()
@@ -64,15 +73,42 @@ def _watch(port: Path, stream: IO[str], look: Callable[[], Levels]) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def shown(levels: Levels) -> str:
-    """Return which LEDs are lit, with their colors.
+def shown(levels: Levels, names: tuple[str, ...] = RGB_NAMES) -> str:
+    """Return which LEDs are lit, with their colors, which have ``names`` in the scene.
 
     >>> import numpy as np
-    >>> shown(np.array([[255, 0, 0], [0, 0, 0], [0, 128, 7]], dtype=np.uint8))
+    >>> levels = np.array([[255, 0, 0], [0, 0, 0], [0, 128, 7]], dtype=np.uint8)
+    >>> shown(levels)
     '2 of 3 LEDs lit: 0 red, 2 #008007'
+    >>> shown(levels[:2], ("white", "infrared"))
+    '1 of 2 LEDs lit: 0 white'
     """
-    lit = {led: bytes(color).hex().upper() for led, color in enumerate(levels) if color.any()}
+    lit = {led: color for led, color in enumerate(levels) if color.any()}
     if not lit:
         return "All LEDs are dark."
-    named = (f"{led} {COLOR_NAMES.get(color, '#' + color)}" for led, color in lit.items())
+    named = (f"{led} {_color(led, color, names)}" for led, color in lit.items())
     return f"{len(lit)} of {len(levels)} LEDs lit: {', '.join(named)}"
+
+
+def _color(led: int, levels: Levels, names: tuple[str, ...]) -> str:
+    """Return what an LED shows, ``levels`` ``(3,)`` of its channels.
+
+    >>> import numpy as np
+    >>> _color(1, np.array([0, 255, 128], dtype=np.uint8), ("a", "b", "c", "d", "white", "amber"))
+    'white + amber at 50 %'
+    """
+    from optimize.mounting import leds_per_fiber
+
+    code = bytes(levels).hex().upper()
+    if names == RGB_NAMES:
+        return COLOR_NAMES.get(code, f"#{code}")
+    # A fiber of more colors than an LED has channels takes several LEDs, see `Feeds`.
+    first = 3 * (led % leds_per_fiber(len(names)))
+    own = dict(zip(names[first : first + 3], levels.tolist(), strict=False))
+    if levels[len(own) :].any():
+        return f"#{code}"
+    return " + ".join(
+        name if level == 255 else f"{name} at {100 * level / 255:.0f} %"
+        for name, level in own.items()
+        if level
+    )

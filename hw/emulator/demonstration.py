@@ -179,7 +179,8 @@ def _white_light(truth: TrueParameters, images: NDArray[np.float32]) -> Array:
 FRAMES = 4
 """Photographs that are averaged for each fiber of the checks."""
 FAULTY = (4, 9, 12)
-"""Fibers that are dead, weak and wrongly colored, the first three where there are fewer."""
+"""Fibers that are dead, weak and wrongly colored; the first three that are lit where the design
+does not light these."""
 DRIFT = 0.03
 """Relative change of powers between two starts."""
 
@@ -218,7 +219,7 @@ def check_faults(rig: EmulatedRig, checker: Checker) -> dict[str, Diagnosis]:
 
     def colors(name: str, camera: EmulatedCamera, power: Array) -> Array:
         photos = rig.photos(name, camera, power, frames=FRAMES)
-        return photos.stacked(len(rig.design.phi), spots.colors)
+        return photos.stacked(prediction.lit, spots.colors)
 
     healthy = colors("commission", rig.camera(), rig.design.drive)
     record = commission(prediction, healthy, rig.scene, 0.0)
@@ -247,9 +248,11 @@ def _faulty(rig: EmulatedRig, response: Array) -> list[tuple[str, EmulatedCamera
             rig.camera(truth=replace(rig.truth, power=power)), seed=rig.truth.seed + start
         )
 
-    last = len(rig.design.phi) - 1
-    dead, weak, wrong = FAULTY if last >= max(FAULTY) else (min(one, last) for one in range(3))
     drive = rig.design.drive
+    lit = np.flatnonzero(drive.any(axis=1)).tolist()
+    dead, weak, wrong = (
+        FAULTY if set(FAULTY) <= set(lit) else (lit[min(one, len(lit) - 1)] for one in range(3))
+    )
     found = [
         ("healthy", weaker(0, 1.0), drive),
         (f"fiber {dead} dead", weaker(dead, 0.0), drive),

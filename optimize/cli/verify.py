@@ -132,7 +132,7 @@ def _print(
     )
     stream.write(
         f"{found.conclusion}\n"
-        f"The surrogate said {found.surrogate_score:.2f}, {checked}.\n"
+        f"The {checker.level} said {found.surrogate_score:.2f}, {checked}.\n"
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )

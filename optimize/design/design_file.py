@@ -141,8 +141,8 @@ class DesignFile(BaseModel):
         for fiber, row in enumerate(self.power):
             if len(row) != len(palette.names):
                 raise ValueError(
-                    f"power[{fiber}] has {len(row)} values, allowed: {len(palette.names)}, one for "
-                    f"each of {', '.join(palette.names)}"
+                    f"power[{fiber}] has {len(row)} value{'s' * (len(row) != 1)}, allowed: "
+                    f"{len(palette.names)}, one for each of {', '.join(palette.names)}"
                 )
         design = Design(np.zeros(len(self.power)), np.array(self.power), palette)
         names = design.color_names

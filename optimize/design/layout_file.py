@@ -5,7 +5,8 @@ A finger of eight fibers::
     scene = "small.toml"              # or --scene; a shipped name, or a file
     colors = "rrrbbggg"               # or ["red", "red", ...]; "-" or "off" for a dark fiber
                                       # (a letter is the first of the scene's only color with it)
-    angles_deg = [90, 90, 90, 80, 100, 90, 90, 90]   # or one number for all
+    angles_deg = [90, 90, 90, 80, 100, 90, 90, 90]   # or one number for all; none is needed where
+                                      # no lamp turns
 
 Fibers are numbered as in the wiring sheet: left from base to tip, tip from left to right, right
 from tip to base. The lit LED of a fiber has the full power that the scene allows, unless ``power``
@@ -61,7 +62,10 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
         )
     given = content.get("colors", content.get("colours"))
     colors = _colors(given, fibers, scene.palette, problems)
-    angles = _angles(content.get("angles_deg"), fibers, problems)
+    given = content.get("angles_deg")
+    if given is None and not any(lamp.turns for lamp in scene.placed_lamps()):
+        given = 90.0
+    angles = _angles(given, fibers, problems)
     power = _power(content.get("power"), colors, scene, problems)
     if problems:
         raise _refusal(path, problems)

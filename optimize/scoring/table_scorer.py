@@ -74,8 +74,8 @@ class TableScorer:
         inside = ((power >= 0) & (power <= 1)).all()
         if power.shape not in {(colors,), (self.fibers, colors)} or not inside:
             raise TableError(
-                f"led_power = {power.tolist()}, allowed: {colors} values (or {self.fibers} times "
-                f"{colors}) from 0 to 1",
+                f"led_power = {power.tolist()}, allowed: {colors} value{'s' * (colors != 1)} (or "
+                f"{self.fibers} times {colors}) from 0 to 1",
                 field="led_power",
             )
         if table.by_channel and table.T.shape[-1] != self.channels:

@@ -93,7 +93,8 @@ class Camera(Part):
         vectors = {name: getattr(self, name) for name in ("position", "look_at", "direction", "up")}
         short = {name: v for name, v in vectors.items() if v is not None and len(v) != 3}
         for name, values in short.items():
-            yield f"camera.{name} has {len(values)} values, allowed: 3 (x, y, z)"
+            many = "s" * (len(values) != 1)
+            yield f"camera.{name} has {len(values)} value{many}, allowed: 3 (x, y, z)"
         old = [name for name in ("distance", "y") if getattr(self, name) is not None]
         if self.position is not None and old:
             yield f"camera.{old[0]} and camera.position both place the camera, allowed: one of them"

@@ -135,8 +135,9 @@ class Palette:
         for name, response in zip(self.names, self.response, strict=True):
             if len(response) != len(self.channels):
                 yield (
-                    f"colors.{name}.response has {len(response)} values, allowed: "
-                    f"{len(self.channels)}, one per channel ({seen})"
+                    f"colors.{name}.response has {len(response)} "
+                    f"value{'s' * (len(response) != 1)}, allowed: {len(self.channels)}, one per "
+                    f"channel ({seen})"
                 )
             elif not any(response):
                 yield f"colors.{name}.response is all 0, allowed: some channel must see it"

@@ -182,8 +182,11 @@ def test_layout_reads_a_picture_with_red_left() -> None:
 def test_what_is_not_there_is_said_with_how_to_get_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert outside_truth.main([str(tmp_path)]) == 0
+    # Nothing that was compared is no goal that was met.
+    assert outside_truth.main([str(tmp_path / "absent")]) == 2
+    assert outside_truth.main([str(tmp_path)]) == 2
     said = capsys.readouterr().out
+    assert f"Nothing could be compared: {tmp_path} holds none of tactile_optical_simulation" in said
     for name, (owner, licence) in outside_truth.SOURCES.items():
         address = f"git clone https://github.com/{owner}/{name}"
         assert address in said

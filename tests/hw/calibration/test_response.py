@@ -68,7 +68,7 @@ def test_a_color_that_is_dark_or_missing_raises_one_clear_error(small: Scene) ->
     with pytest.raises(CalibrationError, match=r"green light alone gives 0\.00 counts"):
         measured_response(small, [red, dark, blue])
     other = PhotoSet({fiber + 3: photo for fiber, photo in blue.alone.items() if fiber > 1}, None)
-    with pytest.raises(CalibrationError, match="1 fibers were photographed in all of red"):
+    with pytest.raises(CalibrationError, match="1 fiber was photographed in all of red"):
         measured_response(small, [red, green, other])
 
 

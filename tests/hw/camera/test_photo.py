@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hw.camera.photo_set import check_photo, linear, read_photo
+from hw.camera.photo_set import PhotoSet, check_photo, linear, read_photo
 from hw.errors import CaptureError
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (6, 4, 3)).astype(np.uint8)
@@ -136,3 +136,17 @@ def test_a_picture_of_a_camera_of_four_channels_raises_one_clear_error(tmp_path:
     Image.fromarray(PIXELS).save(tmp_path / "a.png")
     with pytest.raises(CaptureError, match=r"4 channels, which \.npy files alone have"):
         read_photo(tmp_path / "a.png", 4)
+
+
+def test_a_sweep_needs_photographs_of_the_fibers_alone_that_the_design_lights() -> None:
+    sweep = PhotoSet({0: np.ones((6, 4, 3)), 2: 2 * np.ones((6, 4, 3))}, None)
+    lit = np.array([True, False, True])
+    assert sweep.stacked(lit, lambda photo: photo[0, 0]).tolist() == [
+        [1.0] * 3,
+        [0.0] * 3,
+        [2.0] * 3,
+    ]
+    with pytest.raises(CaptureError, match=r"fiber 1 \(1 is missing\), allowed: all of 0 to 2;"):
+        sweep.stacked(np.ones(3, dtype=np.bool_), lambda photo: photo)
+    with pytest.raises(CaptureError, match=r"fiber 3 \(2 are .* 0 to 4 that the design lights;"):
+        sweep.stacked(np.array([True, False, True, True, True]), lambda photo: photo)

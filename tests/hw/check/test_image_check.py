@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,10 @@ def test_darkness_raises_one_clear_error(prediction: PadPrediction) -> None:
 def test_another_shape_is_refused(prediction: PadPrediction) -> None:
     with pytest.raises(CaptureError, match="shape"):
         check_image(prediction, np.ones((14, 3)), FINE)
+
+
+def test_one_image_does_not_turn_a_lamp_that_cannot(prediction: PadPrediction) -> None:
+    straight = prediction.unit(prediction.phi[:, None])
+    fixed = replace(prediction, table=np.repeat(straight, prediction.table.shape[1], axis=1))
+    found = check_image(fixed, fixed.together - 0.2 * fixed.alone[4], FINE)
+    assert FiberState.MOVED not in {one.state for one in found.fibers}

@@ -199,3 +199,46 @@ def test_a_dim_lamp_that_is_alone_in_its_color_is_no_gain_of_its_channel() -> No
     np.testing.assert_allclose(channel_gains(expected, colors, own, recorded=True), 0.9)
     # Nobody knows the gains of a camera that has seen no healthy rig.
     np.testing.assert_allclose(channel_gains(expected, colors, own), [0.9, 0.45, 0.9])
+
+
+def fixed(prediction: PadPrediction) -> PadPrediction:
+    """Return what is expected of lamps that cannot turn."""
+    straight = prediction.unit(prediction.phi[:, None])
+    return replace(prediction, table=np.repeat(straight, prediction.table.shape[1], axis=1))
+
+
+def test_a_healthy_lamp_that_cannot_turn_is_not_accused_of_its_powers_drift(
+    prediction: PadPrediction,
+) -> None:
+    rig = fixed(prediction)
+    assert prediction.turns.all()
+    assert not rig.turns.any()
+    # Light so dim that noise hides what a site differs by, and a power that drifted far.
+    dim = replace(rig, power=0.1 * rig.power)
+    for fiber in range(20):
+        rng = np.random.default_rng(fiber)
+        power = dim.power * np.where(np.arange(20) == fiber, 1.12, 1.0)[:, None]
+        colors = replace(dim, power=power).alone
+        colors = colors + 0.045 * rng.standard_normal(colors.shape)
+        assert check_sweep(dim, colors, FINE).ok
+
+
+@pytest.mark.parametrize("fiber", [0, 9, 19])
+def test_a_crooked_lamp_that_cannot_turn_is_unclear_and_its_seat_is_named(
+    prediction: PadPrediction, fiber: int
+) -> None:
+    turn = np.zeros(20)
+    turn[fiber] = np.radians(10.0)
+    diagnosis = check_sweep(fixed(prediction), seen(prediction, turn=turn), FINE)
+    assert [(one.index, one.state) for one in diagnosis.faults] == [(fiber, FiberState.UNCLEAR)]
+    assert "sits straight" in diagnosis.faults[0].detail
+
+
+def test_gains_of_channels_of_few_lamps_go_with_those_of_many() -> None:
+    """Five lamps, three of them green: what the record says of the others must not change."""
+    own = np.eye(3, dtype=np.bool_)[[0, 1, 2, 1, 1]]
+    expected = np.ones((5, 4, 1)) * own[:, None, :]
+    colors = expected * np.array([1.0, 0.78, 1.05, 0.79, 0.96])[:, None, None]
+    gain = channel_gains(expected, colors, own, recorded=True)
+    ratio = (colors / gain).max(axis=2, keepdims=True)
+    np.testing.assert_allclose(channel_gains(expected * ratio, colors, own, recorded=True), gain)

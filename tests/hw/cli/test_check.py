@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from optimize.cli import PACKAGES
-from optimize.design import baseline_design
+from optimize.design import Design, baseline_design, save_design
 from render.arrays import Array
 from render.scene import load_scene
 from surrogate.runtime import Checker
@@ -206,3 +206,23 @@ def test_what_cannot_be_checked_raises_one_clear_error(
     assert said in result.err
     assert result.err.count("\n") == 1
     assert "Traceback" not in result.err
+
+
+def test_a_fiber_that_the_design_leaves_dark_needs_no_photograph(
+    tactilux: Run, tmp_path: Path, photographed: Photographed
+) -> None:
+    scene = load_scene("finger20")
+    design = baseline_design(scene)
+    dark = Design.of_colors(design.phi, np.where(np.arange(20) == 6, -1, design.colors).tolist())
+    save_design(tmp_path / "design.json", dark, scene)
+    sweep, record = photographed(tmp_path / "sweep", np.ones(20)), tmp_path / "rig.npz"
+    (sweep / "fiber-06.png").unlink()
+    command = ["check", "--design", tmp_path / "design.json", "--capture", sweep]
+    for more in (["--commission", record], ["--rig", record], []):
+        result = tactilux(*command, *more)
+        assert result.code == 0, result.out + result.err
+        assert "The rig looks as designed.\nFiber 6 is not lit by the design.\n" in result.out
+    (sweep / "fiber-13.png").unlink()
+    missing = tactilux(*command, "--rig", record)
+    assert missing.code == 2
+    assert "no photograph of fiber 13 (1 is missing)" in missing.err

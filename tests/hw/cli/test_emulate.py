@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from hw.leds import ProtocolName
-from optimize.design import Design, save_design
+from optimize.design import Design, baseline_design, save_design
 from render.scene import load_scene
 from tests.conftest import Run
+from tests.hw.palettes import rig_scene
 
 ROOT = Path(__file__).parents[3]
 
@@ -87,3 +88,15 @@ def test_a_port_that_cannot_be_made_raises_one_clear_error(
     assert said in result.err
     assert result.err.count("\n") == 1
     assert (tmp_path / "taken").read_bytes() == b""
+
+
+def test_colors_are_those_of_the_scene(tactilux: Run, tmp_path: Path) -> None:
+    path, port = rig_scene(tmp_path, "white and infrared, gray camera"), tmp_path / "port"
+    scene = load_scene(path)
+    save_design(tmp_path / "design.json", baseline_design(scene), scene)
+    with emulated(port, "--scene", str(path)) as process:
+        lit = tactilux("hw", "set", tmp_path / "design.json", "--port", port, "--seconds", "0.3")
+        assert lit.code == 0, lit.err
+        assert process.stdout is not None
+        said = process.stdout.readline()
+    assert said == "3 of 3 LEDs lit: 0 white, 1 infrared, 2 white\n"

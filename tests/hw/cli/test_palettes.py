@@ -58,6 +58,24 @@ def test_every_fault_of_an_emulated_rig_is_named_and_none_of_a_healthy_one(
     assert "Fiber 0 is dead" in dead.out
 
 
+def test_the_faults_of_a_demonstration_are_those_of_lamps_that_the_design_lights(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    scene = rig_scene(tmp_path, AMBER, "gelsight-mini")
+    scene.write_text(scene.read_text().replace('left = "white"', 'left = "off"'))
+    options = ("--scene", scene, "--no-calibrate", "--rays", "20000")
+    result = tactilux("hw", "demo", *options, "--keep", tmp_path / "kept")
+    assert result.code == 0, result.err
+    assert "Check, healthy: the rig looks as designed\n" in result.out
+    assert "Check, fiber 4 dead: fiber 4 is dead" in result.out
+    assert "Check, fiber 5 at half power: fiber 5 is dim" in result.out
+    assert "Check, fiber 6 with swapped colors: fiber 6 has the wrong color" in result.out
+    assert result.out.endswith("Fibers 0, 1, 2, 3 are not lit by the design.\n")
+    assert not (tmp_path / "kept" / "commission" / "fiber-00.npy").exists()
+    linear = tactilux("hw", "linearity", tmp_path / "kept" / "additive", "--scene", scene)
+    assert "the camera is linear" in linear.out, linear.err
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [INFRARED, AMBER, FOUR])
 def test_calibration_recovers_the_response_and_the_powers(

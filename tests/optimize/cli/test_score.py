@@ -91,6 +91,13 @@ def test_all_problems_of_a_layout_are_named_at_once(small_scene: Path, tmp_path:
         assert words in str(caught.value)
 
 
+def test_a_layout_needs_no_angles_where_no_lamp_turns(tmp_path: Path) -> None:
+    _, design = load_layout(layout(tmp_path, colors="bgr"), "digit")
+    np.testing.assert_array_equal(design.phi, np.pi / 2)
+    with pytest.raises(DesignError, match="missing key angles_deg"):
+        load_layout(layout(tmp_path, colors="r" * 20), "finger20")
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

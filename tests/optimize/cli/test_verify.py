@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from optimize.design import Design, Rating, ScoreSettings, baseline_design, save_design
+from optimize.cli.verify import _print
+from optimize.design import PARTS, Design, Rating, ScoreSettings, baseline_design, save_design
+from optimize.scoring import JackknifeEstimate, RenderedScore
+from optimize.verification import Verification
 from render.scene import load_scene
 from surrogate.runtime import Checker
 
@@ -67,3 +73,14 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
     again = tactilux(*command)
     assert again.out == first.out  # render_seconds too: nothing was rendered again
     assert {item.name for item in tmp_path.iterdir()} == {"design.json", "design-renders"}
+
+
+@pytest.mark.parametrize("level", ["converged preview", "preview", "surrogate"])
+def test_it_names_what_predicted_the_score(level: str, tmp_path: Path) -> None:
+    parts = {part: JackknifeEstimate(50.0, 50.0, np.array([49.0, 51.0])) for part in PARTS}
+    rendered = RenderedScore(parts, 0.0, ScoreSettings(1.0, 0.0))
+    found = Verification(rendered, rendered, parts["score"], 47.99, 1.0, (1, 2), 4)
+    checker = SimpleNamespace(level=level, score_half_width=0.81, coverage=0.9)
+    out = io.StringIO()
+    _print(out, tmp_path / "design.json", load_scene("digit"), checker, found)  # type: ignore[arg-type]
+    assert f"The {level} said 47.99, off by -2.01" in out.getvalue()

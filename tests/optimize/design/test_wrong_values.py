@@ -91,6 +91,7 @@ def test_every_wrong_value_at_every_key_is_told_with_the_key_and_in_our_words(
         (("angles_deg", 3), True, "angles_deg[3] = true, allowed: a number"),
         (("power", 2), None, "power[2] = null, allowed: a list"),
         (("power", 2, 1), -0.5, "power[2][1] = -0.5, allowed: at least 0"),
+        (("power", 2), [1.0], "power[2] has 1 value, allowed: "),
         (("palette", "names"), "white", 'palette.names = "white", allowed: a list'),
         (("score",), 90.0, "score = 90.0, allowed: a table"),
         (("score", "interval"), [88.0], "missing entry score.interval[1]"),

@@ -35,6 +35,7 @@ def test_what_a_scene_says_of_its_default_leds_leaves_no_trace_in_the_hash(tmp_p
     ("more", "message"),
     [
         (COLOR.format("white", "[1.0, 1.0]"), "colors.white.response has 2 values, allowed: 3"),
+        (COLOR.format("white", "[1.0]"), "colors.white.response has 1 value, allowed: 3"),
         (COLOR.format("white", "[0.0, 0.0, 0.0]"), "is all 0, allowed: some channel must see it"),
         (WHITE + WHITE, "colors name white twice, allowed: once"),
         (
