@@ -86,7 +86,7 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
     penalty = max(found, key=lambda each: float(found[each].mean()))
     ridge = train_ridge(task, f"ridge-{penalty:g}", task.fold, config.members, penalty)
     copies, kind, gain = len(task.scene.albedos), NONE, 0.0
-    if borne_out(found[penalty], copies):
+    if borne_out(found[penalty], copies, len(found)):
         kind, gain = "ridge", found[penalty].mean()
     if not task.networks:
         return Ensembles(penalty, ridge, None, 0, kind)

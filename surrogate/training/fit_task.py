@@ -28,7 +28,7 @@ from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig
 
-VERSION = 5
+VERSION = 6
 """Of the fit: finished parts of another one are made anew."""
 SPLIT_FOLDS = 3
 """Folds when whole fiber positions, directions or bends are left out."""

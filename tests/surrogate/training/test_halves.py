@@ -101,6 +101,26 @@ def test_what_both_halves_show_is_kept(
     assert np.median(off) < 0.2 * np.median(before)
 
 
+def test_what_dim_lamps_lack_bears_out_nothing_that_bright_ones_lose(
+    scene: Scene, grid: PreviewGrid, exact: TrainingCells
+) -> None:
+    # Dim cells have 1.3 times the light of the preview. One factor for all of them, as a stiff
+    # ridge has it, helps most cells and harms the bright ones that colors are made of.
+    light = preview_of(scene, grid, exact)
+    dim = light < 0.9 * light.mean(axis=(0, 1))
+    assert 0.5 < dim.mean() < 0.9
+    lifted = np.where(dim, 1.3, 1.0) * light
+    noise = 0.02 * np.random.default_rng(4).standard_normal((2, *light.shape))
+    rows = task_of(scene, grid, lifted, noise).rows
+    factor = float(np.log((np.where(dim, 1.3, 1.0)).mean()))
+    gains = mean_gains(rows, lambda *_: np.full(light.shape, factor))
+    assert gains.mean() < 0.0
+    assert not borne_out(gains)
+    even = rows.weight.double().numpy().reshape(light.shape)
+    ratio, moved = rows.ratio.double().numpy().reshape(light.shape) - 1.0, np.expm1(factor)
+    assert (even * moved * (2.0 * ratio - moved)).sum() > 0.0
+
+
 def test_a_residual_that_makes_held_out_designs_worse_is_not_kept(
     scene: Scene, grid: PreviewGrid, exact: TrainingCells, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -125,7 +145,9 @@ def test_the_gain_is_the_squared_error_that_a_residual_takes_away(
     rows = task_of(scene, grid, exact.transport, runs).rows
     residual = np.log(exact.transport) - rows.log_preview
     found = mean_gains(rows, lambda _, number: (0.3, 0.7)[number] * residual).mean()
+    light = np.exp(rows.log_preview)
     weight = rows.weight.double().numpy().reshape(residual.shape)
+    weight = weight * (light / light.mean(axis=(0, 1))) ** 2
     expected = 0.0
     for number, share in enumerate((0.3, 0.7)):
         other = exact.transport * (1.0 + runs[1 - number]) / np.exp(rows.log_preview) - 1.0
@@ -140,5 +162,8 @@ def test_gains_are_borne_out_beyond_their_scatter() -> None:
     assert borne_out(scatter + 0.4)
     assert not borne_out(scatter + 0.1)
     assert not borne_out(np.zeros(40))
+    assert borne_out(scatter + 0.4, tried=9)
+    assert borne_out(scatter + 0.3)
+    assert not borne_out(scatter + 0.3, tried=9)
     assert borne_out(np.array([0.1]))
     assert not borne_out(np.array([-0.1]))
