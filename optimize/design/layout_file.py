@@ -63,7 +63,7 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
     given = content.get("colors", content.get("colours"))
     colors = _colors(given, fibers, scene.palette, problems)
     given = content.get("angles_deg")
-    if given is None and not any(lamp.turns for lamp in scene.placed_lamps()):
+    if given is None and not any(scene.turning):
         given = 90.0
     angles = _angles(given, fibers, problems)
     power = _power(content.get("power"), colors, scene, problems)

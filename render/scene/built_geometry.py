@@ -13,7 +13,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from render.arrays import Array
-from render.scene.lamps import EDGES, FACES, OUTWARD, Box, ListedLamp, PlacedLamp, Row
+from render.scene.lamps import (
+    EDGES,
+    FACES,
+    OUTWARD,
+    Box,
+    ListedLamp,
+    PlacedLamp,
+    Row,
+    axes_across,
+)
 from render.scene.parts import Bending, Diffuser, Indenter, Pad, Sites
 from render.scene.skin import Skin
 
@@ -209,10 +218,7 @@ def _end_points(lamp: PlacedLamp) -> Array:
     circle = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1) * lamp.diameter / 2
     normals = np.eye(3) if lamp.turns else lamp.beam[None]
     rings = [lamp.position[None]]
-    for normal in normals:
-        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-        first = first / np.linalg.norm(first)
-        rings.append(lamp.position + circle @ np.stack([first, np.cross(normal, first)]))
+    rings += [lamp.position + circle @ axes_across(normal) for normal in normals]
     return np.concatenate(rings)
 
 

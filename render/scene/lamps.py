@@ -110,6 +110,13 @@ class ListedLamp(Part):
     turns: bool = False
 
 
+def axes_across(direction: Array) -> Array:
+    """Return two unit vectors ``(2, 3)`` normal to a unit ``direction`` and to each other."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(direction, first)])
+
+
 @dataclass(frozen=True, eq=False)
 class PlacedLamp:
     """A lamp on the flat pad; vectors ``(3,)``, lengths in mm, angles in rad.

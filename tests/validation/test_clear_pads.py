@@ -30,7 +30,7 @@ SAMPLES = 4000 if LONG else 400
 PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
 PILOT = 16
-"""Part of the photons that says how many are needed."""
+"""One photon in so many is sent first, to say how many are needed."""
 LEAST_SHARE = 0.5
 """Error of the photons, over that of the renders, below which more of them say nothing."""
 
@@ -92,22 +92,18 @@ def traced(analog: AnalogScene | BentScene, photons: int) -> np.ndarray:
     return np.concatenate([analog.cells(f, PHI, photons).replicates for f in lamps], axis=1)
 
 
-def estimate_error(replicates: np.ndarray, se: np.ndarray) -> float:
-    """Return the median relative error of rendered cells ``(replicate, cell)``."""
-    mean = replicates.mean(axis=0)
+def median_error(cells: np.ndarray, se: np.ndarray) -> float:
+    """Return the median relative error of ``(replicate, cell)``; infinite where nothing is lit."""
+    mean = cells.mean(axis=0)
     lit = mean > 0.0
-    return float(np.median(se[lit] / mean[lit]))
+    return float(np.median(se[lit] / mean[lit])) if lit.any() else np.inf
 
 
 def photons_needed(pilot: np.ndarray, known: float, most: int) -> int:
     """Return the photons that know cells to `LEAST_SHARE` of ``known``, by those of a pilot."""
-    mean, error = pilot.mean(axis=0), stats.sem(pilot, axis=0)
-    lit = mean > 0.0
-    if not lit.any():
-        return most
-    relative = float(np.median(error[lit] / mean[lit]))
-    needed = most / PILOT * (relative / (LEAST_SHARE * known)) ** 2
-    return int(min(max(needed, most / PILOT), most))
+    least = most / PILOT
+    needed = least * (median_error(pilot, stats.sem(pilot)) / (LEAST_SHARE * known)) ** 2
+    return int(min(max(needed, least), most))
 
 
 def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[Comparison]:
@@ -133,7 +129,7 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
         planes = not bend and scene.skin is scene.window is None
         views = 4000 if scene.skin else 20_000
         analog = AnalogScene(scene, indented) if planes else BentScene(scene, bend, indented, views)
-        known = estimate_error(replicates.reshape(REPLICATES, -1), se.ravel())
+        known = median_error(replicates.reshape(REPLICATES, -1), se.ravel())
         needed = photons_needed(traced(analog, photons // PILOT), known, photons)
         oracle = traced(analog, needed)
         result = compare(replicates.reshape(REPLICATES, -1), se.ravel(), oracle)

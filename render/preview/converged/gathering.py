@@ -24,9 +24,9 @@ from render.preview.converged.block import (
     to_block,
 )
 from render.preview.converged.color_noise import Halved
-from render.preview.converged.spread_points import spread_points
 from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
 from render.scene import Scene
+from render.spread_points import spread_points
 
 FOOT_WIDTH = 0.3
 """Width of the coating before the foot of a facet that the camera mixes with it, in radii."""

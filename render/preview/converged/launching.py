@@ -13,9 +13,9 @@ import numpy as np
 from render.arrays import Array
 from render.compiled import compiled
 from render.geometry import fiber_poses
-from render.preview.converged.spread_points import spread_points
 from render.preview.diffuser.cache import fiber_ends
 from render.scene import Scene
+from render.spread_points import spread_points
 
 ANGLES = np.linspace(0.0, np.pi / 2, 8193)
 """Angles from the beam (rad) at which radiance is kept; linear between."""
