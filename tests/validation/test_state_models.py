@@ -58,8 +58,8 @@ def line(row: FrontierRow) -> str:
 @pytest.mark.slow
 def test_intervals_of_a_model_of_states_are_narrow_and_hold_renders(tmp_path: Path) -> None:
     preview, model, reference = held_out(tmp_path, ["twisted"], samples=512, designs=24)
-    assert model.level in ("ridge", "network")
-    # The preview of this clear dome is off by less than these renders know.
+    # The preview of this clear dome is off by less than these renders know, so that they may bear
+    # no residual out; what they tell of the preview's error narrows the intervals all the same.
     assert model.facet_median_true < preview.facet_median_true + 0.01
     assert model.kendall_tau > reference.noise_tau - 0.05
     assert model.interval is not None
