@@ -124,7 +124,7 @@ def trace_facet_subpath(
         v.d_vcm = shared_d_vcm(mirror, v, tail, arrived, from_camera=True)
         # So could an image connection the one that follows the facet over smooth mirrors.
         if images is not None:
-            following, imaged = images.arrive(chain, v, state, facet, has_wide_lobe(v))
+            following, imaged = images.arrive(chain, v, state, facet, ~v.delta)
             v.d_vcm = dr.select(arrived & (imaged > 0), dr.minimum(imaged, RATIO_MAX), v.d_vcm)
             chain = dr.select(arrived, following, chain)
         if passable:
@@ -259,7 +259,7 @@ def _connect(
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
         light += channel_mean(
-            images.connect(scene, over_delta, a, number, wide, guiding, returning, candidates)
+            images.connect(scene, over_delta, a, number, active, guiding, returning, candidates)
         )
     if mirror is not None:
         reflected = mirror_connection(

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from surrogate.model.networks import RidgeEnsemble, quadratic
-from surrogate.training.dataset import RegressionData, expand
+from surrogate.training.dataset import MAX_RESIDUAL, RegressionData, expand
 from surrogate.training.mlp import deviance
 
 MIN_RATIO = 0.05
@@ -48,6 +48,8 @@ def fit_ridge(
             found = np.concatenate([model.intercept_[None], model.coef_.T])
             for _ in range(MAX_HALVINGS):
                 residual = expand(_linear(standardized, found), rows.basis)
+                # A weak penalty lets few noisy rows reach farther than an exponential does.
+                residual = residual.clamp(-MAX_RESIDUAL, MAX_RESIDUAL)
                 loss = float((rows.weight * deviance(rows.ratio, residual))[seen].sum())
                 if kept is None or loss < least:
                     break

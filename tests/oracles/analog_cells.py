@@ -32,7 +32,12 @@ from tests.oracles.analog_tracer import (
     trace_photons,
     trace_views,
 )
-from tests.oracles.skin_lobe import Sights, trace_photons_to_sights, trace_sights
+from tests.oracles.skin_lobe import (
+    Sights,
+    sights_by_bin,
+    trace_photons_to_sights,
+    trace_sights,
+)
 
 PITCH = 0.1
 """Of the grid of bins on the flat coating, mm, at most."""
@@ -315,10 +320,7 @@ class AnalogScene:
                 )
                 found.append((bins, arrived, weight, np.full(len(bins), target)))
         bins, arrived, weight, owner = (np.concatenate(part) for part in zip(*found, strict=True))
-        order = np.argsort(bins, kind="stable")
-        order = order[weight[order] > 0.0]
-        first = np.searchsorted(bins[order], np.arange(len(self.area) + 1))
-        return Sights(first, arrived[order], weight[order] / self.views, owner[order])
+        return sights_by_bin(bins, arrived, weight / self.views, owner, len(self.area))
 
     def irradiance(self, fiber: int, phi: float, photons: int, batches: int) -> Floats:
         """Return the power per area ``(batch, bin)`` in 1/mm^2 that a fiber of power 1 brings."""

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+from scipy import sparse, stats
 
 from render.geometry import camera_origin, fiber_poses, flat_fiber_poses
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
 from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, rim_on, target_rays
 from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
+from tests.oracles.mesh_lobe import trace_photons_to_mesh_sights
 from tests.oracles.mesh_tracer import (
     AIR,
     BOND,
@@ -33,6 +34,7 @@ from tests.oracles.mesh_tracer import (
     trace_photons_on_mesh,
     trace_views_on_mesh,
 )
+from tests.oracles.skin_lobe import Sights, sights_by_bin
 
 CELL = 0.8
 """Size of the cells that sort the triangles, mm."""
@@ -90,6 +92,8 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
         sigma_a=layer.sigma_a if layer else 0.0,
         g=layer.g if layer else 0.0,
         albedo=scene.coating.albedo,
+        specular=scene.coating.specular or 0.0,
+        lobe=scene.coating.roughness or 1.0,
         splits=splits,
         bin=np.concatenate([[0], np.cumsum(bins)])[:-1],
     )
@@ -172,24 +176,34 @@ class BentScene:
         return mesh_bin_areas(self.pad)
 
     @cached_property
-    def view(self) -> sparse.csr_matrix:
-        """Mean weight with which a ray of a target sees each bin, ``(target, bin)``."""
+    def sights(self) -> tuple[Sights, Integers]:
+        """The rays of all targets by the bin that they see, and targets that nothing shows."""
+        found, dark = [], []
         rays = target_rays(self.scene, self.bend, self.indented, self.views, self.seed)
-        rows, columns, values = [], [], []
         for target, directions in enumerate(rays):
             if directions is None:
-                rows.append(np.full(1, target))
-                columns.append(np.zeros(1, dtype=np.int64))
-                values.append(np.full(1, np.nan))
+                dark.append(target)
                 continue
-            weights, bins = trace_views_on_mesh(
+            bins, arrived, weight = trace_views_on_mesh(
                 self.pad, camera_origin(self.scene), directions, self.seed + target
             )
-            rows.append(np.full(len(bins), target))
-            columns.append(bins)
-            values.append(weights / self.views)
-        where = np.concatenate(rows), np.concatenate(columns)
-        return sparse.csr_matrix((np.concatenate(values), where), shape=(len(rays), len(self.area)))
+            found.append((bins, arrived, weight / self.views, np.full(len(bins), target)))
+        bins, arrived, weight, owner = (np.concatenate(part) for part in zip(*found, strict=True))
+        return (
+            sights_by_bin(bins, arrived, weight, owner, len(self.area)),
+            np.array(dark, dtype=np.int64),
+        )
+
+    @cached_property
+    def view(self) -> sparse.csr_matrix:
+        """Mean weight with which a ray of a target sees each bin, ``(target, bin)``."""
+        sights, dark = self.sights
+        bins = np.repeat(np.arange(len(self.area)), np.diff(sights.first))
+        targets = self.scene.sites.count * (self.scene.indenter.faces if self.indented else 1)
+        weights = np.concatenate([sights.weight, np.full(len(dark), np.nan)])
+        rows = np.concatenate([sights.target, dark])
+        columns = np.concatenate([bins, np.zeros(len(dark), dtype=np.int64)])
+        return sparse.csr_matrix((weights, (rows, columns)), shape=(targets, len(self.area)))
 
     def lamp(self, fiber: int, phi: float) -> Lamp:
         """Return fiber ``fiber`` pointing in direction ``phi`` (rad)."""
@@ -217,26 +231,20 @@ class BentScene:
 
     def cells(self, fiber: int, phi: float, photons: int, batches: int = 16) -> AnalogCells:
         """Return the transport of one fiber in direction ``phi`` (rad) to all targets."""
-        if self.scene.coating.specular:
-            raise ValueError("the lobe of a skin is known to AnalogScene alone")
-        lamp, bins = self.lamp(fiber, phi), len(self.area)
+        lamp, place, bins = self.lamp(fiber, phi), self.place(fiber), len(self.area)
         first = (self.seed * 1009 + fiber) * 4099
-        brightness = self.scene.coating.albedo / (np.pi * self.scene.pad.index**2)
-        per_area = brightness / np.where(self.area > 0, self.area, np.inf)
-        replicates = np.array(
-            [
-                self.view
-                @ (
-                    per_area
-                    * trace_photons_on_mesh(
-                        self.pad, lamp, self.place(fiber), photons // batches, first + batch, bins
-                    )[0]
+        area = np.where(self.area > 0, self.area, np.inf)
+        coating, each = self.scene.coating, photons // batches
+        replicates = []
+        for seed in range(first, first + batches):
+            lobe: Floats | float = 0.0
+            if coating.specular:
+                power, lobe, _ = trace_photons_to_mesh_sights(
+                    self.pad, lamp, place, each, seed, area, self.sights[0], self.view.shape[0]
                 )
-                for batch in range(batches)
-            ]
-        )
-        return AnalogCells(
-            replicates.mean(axis=0),
-            replicates.std(axis=0, ddof=1) / np.sqrt(batches),
-            replicates,
-        )
+            else:
+                power, _ = trace_photons_on_mesh(self.pad, lamp, place, each, seed, bins)
+            diffuse = coating.albedo / np.pi * (self.view @ (power / area))
+            replicates.append((diffuse + lobe) / self.scene.pad.index**2)
+        cells = np.array(replicates)
+        return AnalogCells(cells.mean(axis=0), stats.sem(cells, axis=0), cells)

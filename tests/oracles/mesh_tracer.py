@@ -59,6 +59,8 @@ class MeshPad(NamedTuple):
         paint, reflectance: ``(face,)`` what lies on such faces, and what that sends back.
         sigma_s, sigma_a, g: of the rim, Henyey-Greenstein.
         albedo: of the coating.
+        specular, lobe: reflectance and Beckmann roughness of its lobe (``tests.oracles.mesh_lobe``,
+            which alone knows it).
         splits: ``(face, 2)`` tally bins along the two edges.
         bin: ``(face,)`` first tally bin of a face.
     """
@@ -82,6 +84,8 @@ class MeshPad(NamedTuple):
     sigma_a: float
     g: float
     albedo: float
+    specular: float
+    lobe: float
     splits: Integers
     bin: Integers
 
@@ -279,13 +283,18 @@ def trace_photons_on_mesh(
 @compiled
 def trace_views_on_mesh(
     pad: MeshPad, origin: Floats, directions: Floats, seed: int
-) -> tuple[Floats, Integers]:
-    """Return weight and tally bin ``(ray,)`` of what rays ``(ray, 3)`` from the camera see."""
+) -> tuple[Integers, Floats, Floats]:
+    """Return bin ``(ray,)``, direction ``(ray, 3)`` and weight ``(ray,)`` at the skin.
+
+    ``origin (3,)`` in the air, ``directions (ray, 3)``; weight 0 where a ray does not get there.
+    """
     state = np.full(1, seed, dtype=np.uint64) * np.uint64(0xD1342543DE82EF95)
     p, d, ends = np.zeros(3), np.zeros(3), np.zeros(ENDS + 1)
-    weights, bins = np.zeros(len(directions)), np.zeros(len(directions), dtype=np.int64)
-    for ray in range(len(directions)):
+    count = len(directions)
+    bins, arrived, weights = np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count)
+    for ray in range(count):
         p[:] = origin
         d[:] = directions[ray]
         weights[ray], _, bins[ray] = follow(state, pad, p, d, 1.0, -1, AIR, ends)
-    return weights, bins
+        arrived[ray] = d
+    return bins, arrived, weights

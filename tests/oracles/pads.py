@@ -4,89 +4,29 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from render.scene import Scene
-from tests.oracles.skin_bodies import sphere_file
-
-MM, DEG = "mm", "deg"
-BASE: dict[str, dict[str, Any]] = {
-    "pad": {"width": (20.0, MM), "length": (24.0, MM), "thickness": (4.5, MM), "index": (1.41,),
-            "roughness": (0.0,)},
-    "coating": {"albedo": (0.5,)},
-    "fibers": {"left": 1, "tip": 1, "right": 0, "diameter": (1.0, MM), "gap": (0.6, MM),
-               "height": (2.0, MM), "sigma_v": (30.0, DEG), "tilt": (10.0, DEG)},
-    "camera": {"distance": (20.0, MM), "y": (0.0, MM), "field_of_view": (65.0, DEG),
-               "columns": 320, "rows": 400},
-    "bending": {"angles": ([0.0], DEG)},
-    "sites": {"columns": 3, "rows": 2, "spacing": (5.0, MM), "centre_x": (0.0, MM),
-              "centre_y": (1.0, MM)},
-    "indenter": {"faces": 6, "slope": (30.0, DEG), "radius": (0.8, MM)},
-    "baseline": {"left": "red", "tip": "green", "right": "blue"},
-}  # fmt: skip
-RIM = {"thickness": (2.0, MM), "sigma_s": (4.0, "1/mm"), "sigma_a": (0.005, "1/mm"), "g": (0.75,)}
-CLEAR_RIM = RIM | {"sigma_s": (0.0, "1/mm"), "sigma_a": (0.0, "1/mm")}
-
-DOME: Any = {"shape": "dome", "radius": (30.0, MM)}
-ARCH: Any = {"shape": "arch", "radius": (20.0, MM)}
-MESH: Any = {"shape": "mesh", "mesh": {"file": str(sphere_file()), "source": "a sphere"}}
-
-LAMBERTIAN: Any = "lambertian"
-GAUSSIAN: Any = {"sigma_v": (20.0, DEG)}
-COSINE_8: Any = {"cosine_exponent": (8.0,)}
-
-
-def row(edge: str, count: int, **changes: Any) -> dict[str, Any]:
-    """Return a row of Lambertian lamps with its ``changes``, mm and deg."""
-    values = {"diameter": 1.0, "gap": 0.6, "height": 2.0, "tilt": 10.0} | changes
-    units = {"diameter": MM, "gap": MM, "height": MM, "tilt": DEG}
-    lengths = {name: (values.pop(name), unit) for name, unit in units.items()}
-    return {"edge": edge, "count": count, "profile": LAMBERTIAN} | lengths | values
-
-
-def rough(alpha: float, *faces: str) -> dict[str, Any]:
-    """Return the entry of faces of their own roughness."""
-    return {"on": list(faces), "roughness": (alpha,)}
-
-
-def painted(kind: str, *faces: str, reflectance: float = 0.0) -> dict[str, Any]:
-    """Return the entry of faces that are ``black``, ``white`` or a ``mirror``."""
-    return {"on": list(faces), kind: True if kind == "black" else (reflectance,)}
-
-
-def rim_on(*edges: str, **changes: Any) -> dict[str, Any]:
-    """Return a diffuser on some edges alone."""
-    return RIM | {"on": list(edges)} | changes
-
-
-def listed(x: float, y: float, z: float, *beam: float) -> dict[str, Any]:
-    """Return a lamp 1.5 mm wide; a fourth number of its ``beam`` is the power of its cosine."""
-    profile = {"cosine_exponent": (beam[3],)} if len(beam) > 3 else LAMBERTIAN
-    return {
-        "position": ([float(x), float(y), float(z)], MM),
-        "direction": (list(map(float, beam[:3])),),
-        "diameter": (1.5, MM),
-        "profile": profile,
-    }
-
-
-def window(index: float, thickness: float = 3.0) -> dict[str, Any]:
-    """Return a plate under the pad."""
-    return {"thickness": (thickness, MM), "index": (index,)}
-
-
-def lobe(specular: float, roughness: float) -> dict[str, Any]:
-    """Return the entries of a skin's lobe."""
-    return {"coating.specular": (specular,), "coating.roughness": (roughness,)}
-
-
-BELOW_THE_PAD = {"rows": [row("left", 1, height=-1.5), row("tip", 2, height=-2.0, tilt=30.0)]}
-"""Lamps before the edges of a window 3 mm thick."""
-
-CAST_IN = {
-    "lamps": [listed(-8, 2, 1.5, 1, 0.2, 0.3), listed(5, -9, 0.8, -0.3, 1, 0.8, 3.0)],
-}
-"""Lamps in the silicone, near two edges."""
+from tests.oracles.pad_parts import (
+    ARCH,
+    BASE,
+    BELOW_THE_PAD,
+    CAST_IN,
+    CLEAR_RIM,
+    COSINE_8,
+    DEG,
+    DOME,
+    GAUSSIAN,
+    MESH,
+    MM,
+    RIM,
+    listed,
+    lobe,
+    painted,
+    rim_on,
+    rough,
+    row,
+    window,
+)
+from tests.oracles.random_pads import mixed_case, random_case
 
 CASES: dict[str, dict[str, Any]] = {
     "smooth": {},
@@ -166,6 +106,10 @@ CASES: dict[str, dict[str, Any]] = {
         "faces": [rough(0.3, "left", "tip", "right")], "bending.angles": ([45.0], DEG),
     },
     "rough lower": {"faces": [rough(0.1, "lower")]},
+    "index 1.7, rough base": {
+        "pad.index": (1.7,), "rows": [row("tip", 1, diameter=0.3, gap=4.0)],
+        "faces": [rough(0.3, "base")],
+    },
     "rough left and lower, smooth tip": {
         "pad.roughness": (0.2,), "faces": [rough(0.0, "tip", "base"), rough(0.05, "lower")],
     },
@@ -279,6 +223,17 @@ CASES: dict[str, dict[str, Any]] = {
             painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
         ],
     },
+    "lobe of a dome": {"skin": DOME, "pad.thickness": (6.0, MM), **lobe(0.4, 0.2)},
+    "lobe of a dome rough 0.1": {
+        "skin": DOME, "pad.thickness": (6.0, MM), "pad.roughness": (0.1,), **lobe(0.4, 0.2),
+    },
+    "lobe over a window": {"window": window(1.49), **lobe(0.4, 0.2)},
+    "lobe bent 45 rough 0.1": {
+        "bending.angles": ([45.0], DEG), "pad.roughness": (0.1,), **lobe(0.4, 0.2),
+    },
+    "lobe bent 45 behind a rim rough 0.1": {
+        "bending.angles": ([45.0], DEG), "diffuser": RIM, "pad.roughness": (0.1,), **lobe(0.4, 0.2),
+    },
     "thin rim": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}},
     "thin rim index 1.7": {"diffuser": RIM | {"sigma_s": (0.2, "1/mm")}, "pad.index": (1.7,)},
     "cast in": CAST_IN,
@@ -330,44 +285,19 @@ SKINS = {"dome": "dome", "arch": "arch", "mesh": "mesh"}
 """A case of each shape that a skin may have."""
 
 
-def random_case(number: int) -> dict[str, Any]:
-    """Return the changes of the case ``random NUMBER``: anywhere in the ranges of flat pads."""
-    rng = np.random.Generator(np.random.PCG64(number))
-
-    def between(low: float, high: float) -> float:
-        """Return a number whose logarithm is uniform."""
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    diameter, thickness = between(0.1, 3.0), rng.uniform(2.0, 8.0)
-    changes: dict[str, Any] = {
-        "pad.roughness": (float(rng.choice([0.0, 0.004, 0.01, 0.03, 0.1, 0.3])),),
-        "pad.index": (float(rng.choice([1.0, 1.2, 1.41, 1.7])),),
-        "pad.thickness": (thickness, MM),
-        "coating.albedo": (rng.uniform(0.2, 0.9),),
-        "fibers.diameter": (diameter, MM),
-        "fibers.gap": (between(max(0.05, 0.51 * diameter), 10.0), MM),
-        "fibers.height": (max(0.0, rng.uniform(-0.3, 1.0)) * thickness, MM),
-        "fibers.sigma_v": (between(1.0, 89.0), DEG),
-        "fibers.tilt": (rng.uniform(-20.0, 40.0), DEG),
-    }
-    if rng.random() < 0.3:
-        changes["diffuser"] = {
-            "thickness": (between(0.3, 3.0), MM),
-            "sigma_s": (float(rng.choice([0.0, between(0.05, 20.0)])), "1/mm"),
-            "sigma_a": (between(0.001, 0.3), "1/mm"),
-            "g": (rng.uniform(-0.3, 0.9),),
-        }
-    return changes
-
-
 def scene_of_case(case: str) -> Scene:
-    """Return the scene of a case: the base with its changes; ``random N`` is one of many."""
+    """Return the scene of a case: the base with its changes.
+
+    ``random N`` and ``mixed N`` are one of many (`tests.oracles.random_pads`).
+    """
     return Scene.model_validate(content_of_case(case))
 
 
 def content_of_case(case: str) -> dict[str, Any]:
     """Return what the scene file of a case would hold."""
-    changes = random_case(int(case[7:])) if case.startswith("random ") else CASES[case]
+    kind, _, number = case.partition(" ")
+    drawn = {"random": random_case, "mixed": mixed_case}.get(kind)
+    changes = CASES[case] if drawn is None else drawn(int(number))
     content: dict[str, Any] = {part: dict(values) for part, values in BASE.items()}
     for key, value in changes.items():
         part, _, name = key.partition(".")

@@ -15,7 +15,7 @@ they take rough faces.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,16 @@ class Sights(NamedTuple):
     target: NDArray[np.int64]
 
 
+def sights_by_bin(
+    bins: NDArray[np.int64], arrived: Floats, weight: Floats, target: NDArray[np.int64], count: int
+) -> Sights:
+    """Return the lines of sight that get to the skin, sorted into its ``count`` bins."""
+    order = np.argsort(bins, kind="stable")
+    order = order[weight[order] > 0.0]
+    first = np.searchsorted(bins[order], np.arange(count + 1))
+    return Sights(first, arrived[order], weight[order], target[order])
+
+
 @compiled
 def lobe_value(d: Floats, view: Floats, n: Floats, alpha: float) -> float:
     """Return the lobe's BRDF (1/sr) for light along ``d`` seen along ``view``, both onto the skin.
@@ -75,9 +85,12 @@ def lobe_value(d: Floats, view: Floats, n: Floats, alpha: float) -> float:
 
 @compiled
 def leave_skin(
-    state: NDArray[np.uint64], pad: Pad, d: Floats, n: Floats, weight: float, ends: Floats
+    state: NDArray[np.uint64], pad: Any, d: Floats, n: Floats, weight: float, ends: Floats
 ) -> float:
-    """Turn a photon back at the skin by chance; return its weight, 0 where it ends there."""
+    """Turn a photon back at the skin by chance; return its weight, 0 where it ends there.
+
+    ``pad`` is a ``Pad`` or a ``MeshPad``.
+    """
     number = uniform(state)
     if number < pad.albedo:
         lambertian(state, d, n)
@@ -88,6 +101,22 @@ def leave_skin(
     left, _ = meet_tilted_face(state, d, n, pad.lobe, ALL_REFLECTED)
     ends[MICROFACETS] += weight * (1.0 - left)
     return weight * left
+
+
+@compiled
+def show(
+    state: NDArray[np.uint64], pad: Any, sights: Sights, here: int, area: float, d: Floats,
+    n: Floats, weight: float, seen: Floats,
+) -> None:  # fmt: skip
+    """Add to ``seen`` ``(target,)`` what lines of sight to bin ``here`` see of a photon there."""
+    begin, rays = sights.first[here], sights.first[here + 1] - sights.first[here]
+    if rays == 0:
+        return
+    for _ in range(PAIRS):
+        ray = begin + min(rays - 1, int(uniform(state) * rays))
+        value = lobe_value(d, sights.direction[ray], n, pad.lobe)
+        value *= pad.specular * weight * sights.weight[ray] * rays
+        seen[sights.target[ray]] += value / (PAIRS * area)
 
 
 @compiled
@@ -137,12 +166,6 @@ def trace_photons_to_sights(
             n[:] = down if site < 0 else pad.normal[facet]
             here = tally_bin(pad, p, site, facet)
             tally[here] += weight
-            begin, rays = sights.first[here], sights.first[here + 1] - sights.first[here]
-            if rays > 0:
-                for _ in range(PAIRS):
-                    ray = begin + min(rays - 1, int(uniform(state) * rays))
-                    value = lobe_value(d, sights.direction[ray], n, pad.lobe)
-                    value *= pad.specular * weight * sights.weight[ray] * rays
-                    seen[sights.target[ray]] += value / (PAIRS * area[here])
+            show(state, pad, sights, here, area[here], d, n, weight, seen)
             weight = leave_skin(state, pad, d, n, weight, ends)
     return tally / count, seen / count, ends / count

@@ -43,7 +43,7 @@ def test_lamps_are_those_of_the_flat_pad() -> None:
             np.testing.assert_allclose(one, other, atol=1e-12)
 
 
-@pytest.mark.parametrize("case", ["smooth", "rim rough 0.1"])
+@pytest.mark.parametrize("case", ["smooth", "rim rough 0.1", "lobe rough 0.1"])
 def test_a_flat_pad_of_triangles_is_as_bright_as_the_box(case: str) -> None:
     scene, photons = scene_of_case(case), 160_000
     bent = BentScene(scene, 0.0, views=2000).cells(0, PHI, photons)
@@ -75,7 +75,7 @@ def test_a_smooth_plate_passes_what_fresnel_says_and_loses_nothing() -> None:
     pad = BentScene(scene, 0.0).pad._replace(albedo=0.0)
     origin, aim = np.array([1.0, 2.0, -20.0]), np.array([0.35, 0.1, 1.0])
     aim /= np.linalg.norm(aim)
-    weights, _ = trace_views_on_mesh(pad, origin, np.tile(aim, (60_000, 1)), 5)
+    _, _, weights = trace_views_on_mesh(pad, origin, np.tile(aim, (60_000, 1)), 5)
     # Two faces that light goes to and fro between: (1 - a)(1 - b) / (1 - a b).
     cos_air = aim[2]
     cos_plate, cos_pad = (np.sqrt(1 - (1 - cos_air**2) / n**2) for n in (1.49, 1.41))

@@ -37,9 +37,11 @@ LEAST_SHARE = 0.5
 FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
-    "row nearer than wide", "lobe", "lobe rough 0.1", "cast in", "cast into a rim rough 0.1",
+    "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
+    "cast into a rim rough 0.1", "mixed 5", "mixed 20",
 )  # fmt: skip
-WHOLE = (*CASES, *(f"random {number}" for number in range(24)))
+DRAWN = tuple(f"{kind} {number}" for kind in ("random", "mixed") for number in range(24))
+WHOLE = (*CASES, *DRAWN)
 
 
 class Comparison(NamedTuple):
@@ -160,6 +162,22 @@ def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None
         assert np.median(np.abs(result.z)) < 1.5
 
 
+def test_a_rough_wall_lights_facets_over_smooth_faces() -> None:
+    """Half of what facets that face the wall get comes over the lower face and other walls."""
+    scene = scene_of_case("index 1.7, rough base")
+    estimate = render_transport(scene, np.array([PHI]), np.zeros(1), samples=800, replicates=16)
+    analog = AnalogScene(scene)
+    facing = analog.pad.normal[:, 1] < -0.1
+    assert 2 <= facing.sum() <= 4
+    found, truth = (
+        each.reshape(16, scene.sites.count, -1)[..., facing].sum(axis=(1, 2))
+        for each in (estimate.replicates, traced(analog, 8_000_000))
+    )
+    error = np.hypot(stats.sem(found), stats.sem(truth))
+    assert error < 0.05 * truth.mean()
+    assert found.mean() == pytest.approx(truth.mean(), abs=3.5 * error + 0.02 * truth.mean())
+
+
 def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
     for result in compared("rim bent 45", samples=200, photons=800_000):
         assert abs(result.ratio - 1) < 3.5 * result.error
@@ -178,7 +196,9 @@ def test_light_of_a_rim_comes_over_its_upper_face_and_to_and_fro_between_walls(c
 def main() -> None:
     """Compare the cases that are named, or all of them."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join([*CASES, "random N"]))
+    parser.add_argument(
+        "cases", nargs="*", metavar="CASE", help=", ".join([*CASES, "random N", "mixed N"])
+    )
     parser.add_argument("--samples", type=int, default=SAMPLES)
     parser.add_argument("--photons", type=int, default=PHOTONS)
     chosen = parser.parse_args()

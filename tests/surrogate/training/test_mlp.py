@@ -125,3 +125,20 @@ def test_wild_predictions_stay_numbers_with_exponentials(
     wild = 1e6 * model(far.x)
     assert np.isfinite(np.exp(far.residuals(wild))).all()
     assert torch.isfinite(model(far.x)).all()
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_dark_rows_that_say_little_far_from_the_others_leave_a_ridge(
+    rows: RegressionData, cells: TrainingCells, way: float
+) -> None:
+    fold = np.full(cells.group.shape, -1)
+    dark = (torch.arange(len(rows.x)) % 97 == 0)[:, None]
+    few = replace(
+        rows,
+        x=torch.where(dark, 1e4 * way * rows.x, rows.x),
+        ratio=torch.where(dark, 0.0, rows.ratio),
+        noise=torch.where(dark, 1e3, rows.noise),
+    )
+    model = fit_ridge(few, fold, 1, 1e-5)
+    with torch.no_grad():
+        assert np.isfinite(few.residuals(model(few.x))).all()
