@@ -28,12 +28,13 @@ from surrogate.model.preview_grid import (
     MATERIALS,
     PreviewGrid,
     direction_nodes,
+    draw_grid,
     draw_material_grid,
     grid_nodes,
     interpolation_error,
     is_one_node,
 )
-from surrogate.preview_model import preview_half_width
+from surrogate.preview_model import BEND_NODES, PHI_NODES, preview_half_width
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
@@ -53,6 +54,11 @@ from surrogate.training.render_plan import (
 from surrogate.training.table_allocation import table_shares
 from surrogate.training.training_preview import TrainingPreview, followed_grid
 
+PREVIEW_NODES = 11, 9
+"""Nodes of a model's preview in phi and bend."""
+MAX_INTERPOLATION_ERROR = 0.01
+"""Of the preview between its nodes, relative, median over cells, from which it gets more nodes."""
+
 
 @dataclass(frozen=True)
 class TrainConfig:
@@ -63,7 +69,8 @@ class TrainConfig:
             where lamps cannot turn, samples go where they move scores.
         samples: samples per (fiber, facet) pair instead; the same number on any machine.
         phi_nodes, bend_nodes: nodes of the reference.
-        preview_nodes: nodes of the preview in phi and bend.
+        preview_nodes: nodes of the preview in phi and bend; None for `PREVIEW_NODES`, and more in
+            phi where beams are narrow.
         coarse: take the preview as the shader draws it; otherwise it is converged where the scene
             has one material and time allows.
         materials, preview_materials: how many materials are rendered, and drawn by the preview,
@@ -75,7 +82,7 @@ class TrainConfig:
     samples: int | None = None
     phi_nodes: int = 11
     bend_nodes: int = 5
-    preview_nodes: tuple[int, int] = (11, 9)
+    preview_nodes: tuple[int, int] | None = None
     coarse: bool = False
     materials: int = 8
     preview_materials: int = MATERIALS
@@ -231,11 +238,17 @@ def _preview(
     parts = FinishedParts(folder, hashlib.sha256(repr(about).encode()).hexdigest())
     preview = TrainingPreview.load(parts, MaterialRange.of(scene))
     if preview is None:
-        told = in_stage(progress, "preview")
+        told, nodes = in_stage(progress, "preview"), config.preview_nodes or PREVIEW_NODES
         drawn, left_out = draw_material_grid(
-            scene, *config.preview_nodes, materials=config.preview_materials, progress=told
+            scene, *nodes, materials=config.preview_materials, progress=told
         )
-        preview = TrainingPreview(drawn, interpolation_error(scene, drawn), left_out)
+        error = interpolation_error(scene, drawn)
+        narrow = error.median > MAX_INTERPOLATION_ERROR and any(scene.turning)
+        if narrow and config.preview_nodes is None and drawn.free is None:
+            # As many as a preview that stands alone.
+            drawn = draw_grid(scene, PHI_NODES, BEND_NODES, told)
+            error = interpolation_error(scene, drawn)
+        preview = TrainingPreview(drawn, error, left_out)
         if drawn.free is None and not config.coarse and can_converge(scene):
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
@@ -279,7 +292,7 @@ def _check(scene: Scene, table: TransportTable) -> None:
 def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost:
     """Return what a training of ``scene`` on renders at ``bends`` bends takes."""
     free = MaterialRange.of(scene)
-    phi, bend = grid_nodes(scene, *config.preview_nodes)
+    phi, bend = grid_nodes(scene, *(config.preview_nodes or PREVIEW_NODES))
     drawn = len(phi) * len(bend)
     directions = len(direction_nodes(scene, config.phi_nodes))
     directions *= 1 if free is None else config.materials
