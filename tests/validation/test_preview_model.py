@@ -23,6 +23,7 @@ from scipy import stats
 from scipy.stats import kendalltau
 
 from render.files import read_or_drop, write_npz
+from render.geometry import counted_sites
 from render.metric import clip_counts, design_score, site_metric
 from render.reference import render_transport
 from render.scale import baseline_power, scene_scale
@@ -213,9 +214,11 @@ def _measured(
     rng = np.random.default_rng(6)
     settings = scene_scale(scene)
     drawn = checker_transport(checker, phi, np.array(scene.bending.angles))
-    seen = np.isfinite(found.T)
-    truth = np.where(seen, found.T, drawn)
-    noise = np.where(seen, found.se, 0.0)
+    # Photons go to every site, scores to those that count.
+    T, se = (each[..., counted_sites(scene), :] for each in (found.T, found.se))
+    seen = np.isfinite(T)
+    truth = np.where(seen, T, drawn)
+    noise = np.where(seen, se, 0.0)
 
     fibers = len(drawn)
     choice = rng.integers(0, len(phi), (DESIGNS, fibers))
