@@ -218,14 +218,14 @@ class MirrorImages(ABC):
 
     @dr.syntax
     def arrive(
-        self, chain: ImageChain, v: Vertex, state: SubpathState, facet: Vertex, joins: mi.Bool
+        self, chain: ImageChain, v: Vertex, state: SubpathState, facet: Vertex, connected: mi.Bool
     ) -> tuple[ImageChain, mi.Float]:
         """Follow a camera subpath to vertex ``v``; return the chain and ``d_vcm`` of ``v``.
 
         The latter is the ratio of image connections to the facet over what the camera subpath
-        does, where there are any: 0 otherwise. ``joins`` says that light subpaths connect ``v``.
+        does, where there are any: 0 otherwise. ``connected``: light subpaths connect ``v``.
         """
-        useful = chain.open & joins & (chain.image > 0)
+        useful = chain.open & connected & (chain.image > 0)
         probability = mi.Float(0.0)
         if useful:
             probability = self.probability(chain.image, facet, v)
