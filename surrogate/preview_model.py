@@ -39,7 +39,7 @@ from surrogate.runtime import Checker, ModelMetadata
 from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
-VERSION = 3
+VERSION = 4
 """Part of the cache key: raise it when the preview changes."""
 COUNTS_FACTOR = 2.0
 """The interval of a color, in standard deviations."""

@@ -259,8 +259,8 @@ class Preview:
             around = around + lobe[:, facets, 1].reshape(shape)
             site = site + lobe[:, facets.stop : points.first_patch, :1]
         facet, around, site = (part[:, self._counted] for part in (facet, around, site))
-        blur = weights[:, :-1]
-        seen = np.einsum("sij,rsj->rsi", blur[..., :-1], facet) + blur[..., -1] * around
+        sent = np.concatenate([facet, around, site], axis=-1)
+        seen = np.einsum("sij,rsj->rsi", weights[:, :-1], sent)
         background = weights[:, -1, -1:] * site
         return np.concatenate([seen, background], axis=-1)
 

@@ -23,9 +23,9 @@ from render.geometry import (
 )
 from render.preview.converged.block import directions_to_block, patch_area, patch_counts, to_block
 from render.preview.converged.color_noise import Halved
-from render.preview.converged.gathering import FOOT_WIDTH
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, Receivers, trace_arrivals
+from render.preview.facet_blur import FOOT_WIDTH
 from render.scene import Scene
 
 ARRIVAL_KEY = 5 << 40

@@ -25,11 +25,10 @@ from render.preview.converged.block import (
 )
 from render.preview.converged.color_noise import Halved
 from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
+from render.preview.facet_blur import FOOT_WIDTH
 from render.scene import Scene
 from render.spread_points import spread_points
 
-FOOT_WIDTH = 0.3
-"""Width of the coating before the foot of a facet that the camera mixes with it, in radii."""
 FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
 """Families of the streams of facets, untouched spots and patches."""
 

@@ -213,10 +213,10 @@ def _seen(
     facet: Halved[Array], foot: Halved[Array], site: Halved[Array],
 ) -> ConvergedTransport:  # fmt: skip
     """Return what the camera sees of the irradiance on facets, their feet and sites."""
-    mixed, around = blur[:, :-1, :-1], blur[:, :-1, -1, None]
 
     def cells_of(facet: Array, foot: Array, site: Array) -> Array:
-        cells = np.einsum("sij,sjr->sir", mixed, facet) + around * foot
+        sent = np.concatenate([facet, foot, site[:, None]], axis=1)
+        cells = np.einsum("sij,sjr->sir", blur[:, :-1], sent)
         background = blur[:, -1, -1:, None] * site[:, None]
         cells = np.concatenate([cells, background], axis=1)
         out = np.empty((len(columns), nodes, *cells.shape[:2]))

@@ -5,6 +5,7 @@ import pytest
 
 from render.preview.facet_blur import facet_blur
 from render.scene import Scene, load_scene
+from tests.oracles.random_scenes import random_scene
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +25,12 @@ def scale(scene: Scene) -> float:
 @pytest.mark.parametrize("bend", [0.0, np.pi / 2])
 def test_a_smooth_face_shows_every_facet_alone(scene: Scene, bend: float) -> None:
     weights = facet_blur(with_roughness(scene, 0.0), bend) / scale(scene)
-    diagonal = np.einsum("sii->si", weights)
-    assert (diagonal > 0.9).all()
-    assert (diagonal < 1.0).all()
-    np.testing.assert_array_equal(weights[:, ~np.eye(weights.shape[1], dtype=bool)], 0.0)
+    rows, columns = np.arange(scene.indenter.faces + 1), [*range(scene.indenter.faces), -1]
+    alone = weights[:, rows, columns]
+    assert (alone > 0.9).all()
+    assert (alone < 1.0).all()
+    weights[:, rows, columns] = 0.0
+    np.testing.assert_array_equal(weights, 0.0)
 
 
 def test_a_rough_face_mixes_neighbors_but_loses_no_light(scene: Scene) -> None:
@@ -46,3 +49,27 @@ def test_the_untouched_site_is_seen_as_itself(scene: Scene) -> None:
     last = facet_blur(scene, 0.0)[:, -1]
     np.testing.assert_array_equal(last[:, :-1], 0.0)
     assert (last[:, -1] > 0).all()
+
+
+def test_a_line_that_passes_the_pyramid_meets_the_foot_of_the_facet_that_it_is_before(
+    scene: Scene,
+) -> None:
+    faces = scene.indenter.faces
+    rough = facet_blur(scene, 0.0)[:, :faces, faces : 2 * faces]
+    turned = np.stack([np.roll(rough[:, facet], -facet, axis=-1) for facet in range(faces)])
+    before = turned.mean(axis=(0, 1)) / turned.mean(axis=(0, 1)).sum()
+    assert before[[-1, 0, 1]].sum() > 0.9
+    assert before[0] == before.max()
+
+
+def test_a_thick_pad_blurs_farther_than_the_pyramid_shades() -> None:
+    """Of the light of a facet's pixels most comes from the coating that no pyramid reaches."""
+    scene = random_scene(20)
+    faces = scene.indenter.faces
+    weights = facet_blur(scene, 0.0)[:, :faces]
+    shares = weights / weights.sum(axis=-1, keepdims=True)
+    facets, feet, spot = np.split(shares, [faces, 2 * faces], axis=-1)
+    assert facets.sum(axis=-1).mean() < 0.3
+    assert spot.mean() > 0.3
+    # All around: what is before the facet itself is little of it.
+    assert feet[:, range(faces), range(faces)].mean() < 0.5 * feet.sum(axis=-1).mean()
