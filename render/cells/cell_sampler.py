@@ -22,6 +22,7 @@ from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
 from render.cells.lamp_aim import LampAim
 from render.cells.lamp_connections import AimedSubpaths, Lamp
+from render.cells.lamp_images import LampImages, has_lamp_images
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages, mirror_faces
@@ -168,6 +169,9 @@ class PadSampler:
             else:
                 repeats = any(repeating_axes(scene))
                 self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
+        self.lamp_images: LampImages | None = None
+        if self.images and not self.mirror.curved and has_lamp_images(scene):
+            self.lamp_images = LampImages(scene, self.light)
         # Over a lower face without exact images directions are drawn near the mirror image.
         # No connection passes a bond that refracts.
         self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
@@ -192,7 +196,9 @@ class PadSampler:
 
     def lamp(self, fiber: mi.UInt32) -> Lamp | None:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""
-        return Lamp(self.light, fiber, self.scene.pad.index == 1.0) if self.seen else None
+        if not self.seen:
+            return None
+        return Lamp(self.light, fiber, self.scene.pad.index == 1.0, self.lamp_images)
 
     def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
         """Return the subpaths that find lamps behind smooth faces."""

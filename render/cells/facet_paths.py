@@ -102,6 +102,9 @@ def trace_facet_subpath(
     passes = mi.UInt32(0)  # volume vertices that may still be passed
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
+    followed = mi.UInt32(0)  # events that an aimed subpath would have taken
+    launched, launched_d_vcm = mi.Vector3f(0.0), mi.Float(0.0)  # how it left the facet
+    travelled = mi.Float(0.0)  # and mm since then
     while active:
         segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -113,7 +116,18 @@ def trace_facet_subpath(
             straight = (end.total == 0.0) & (glossy.total == 0.0)
             if lamp.light.cast_in is not None:
                 straight &= segment.d_vcm == 0.0
+            if lamp.images is not None:
+                segment.image = lamp.images.none
+                if straight:
+                    segment.image = lamp.image(facet, launched, travelled, begin, segment.d)
+                segment.facet_d_vcm = mi.Float(launched_d_vcm)
+                straight &= segment.image == lamp.images.none
+                travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
+            followed += dr.select(behind, mi.UInt32(1), 0)
+            straight &= followed < AIMED_EVENTS
             segment.beta *= dr.select(straight, share, 1.0)
+            # Aimed subpaths end where they met the lamp.
+            followed = dr.select(passed & straight, AIMED_EVENTS, followed)
             met = met.update(segment, dr.select(passed, 1.0, 0.0), choose_lamp)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
@@ -166,6 +180,10 @@ def trace_facet_subpath(
         if aimed is not None:
             own = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
             share = dr.select(is_facet, own, share)
+        if lamp is not None and lamp.images is not None:
+            launched = dr.select(is_facet, state.d, launched)
+            launched_d_vcm = dr.select(is_facet, state.d_vcm, launched_d_vcm)
+            travelled = dr.select(is_facet, 0.0, travelled)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     for kept in (glossy, end):
@@ -207,7 +225,7 @@ def radiance_per_node(
             sums[j] += radiance * weight
         path += 1
     if lamp is not None:
-        found = [lamp.met(camera.met)]
+        found = [lamp.met(camera.met, camera.facet)]
         # A bare coating sees the lamp, or one in the pad; otherwise only the pad's faces do.
         glossy, end = camera.glossy.vertex, camera.end.vertex
         last_vertices = [camera.facet, end] if lamp.bare else [glossy]
@@ -216,6 +234,9 @@ def radiance_per_node(
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
+        if lamp.images is not None:
+            numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - 5 * JOINED_STRIDE)
+            found.append(lamp.images.joined(scene, lamp.fiber, camera.facet, numbers, guiding))
         if aimed is not None:
             number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
             found.append(aimed.light(scene, camera.facet, stream, number))

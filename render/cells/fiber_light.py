@@ -152,6 +152,19 @@ class FiberLight:
         point = self.center_of(fiber) + frame.to_world(mi.Vector3f(disk.x, disk.y, 0.0))
         return mi.Point3f(point), frame
 
+    def _to_plane(self, fiber: mi.UInt32, offset: mi.Vector3f, d: mi.Vector3f) -> mi.Float:
+        beam = self.beam_of(fiber, mi.UInt32(0))
+        return dr.dot(offset, beam) / dr.dot(d, beam)
+
+    def distance(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Float:
+        """Return how far (mm) from ``o`` rays along ``d`` pass through a fiber, as in `passed`."""
+        offset = self.center_of(fiber) - o
+        ahead = dr.dot(offset, d)
+        if self.still is None:
+            return ahead
+        still = dr.gather(mi.Bool, self.still, fiber)
+        return dr.select(still, self._to_plane(fiber, offset, d), ahead)
+
     def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
         """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face.
 
@@ -167,8 +180,7 @@ class FiberLight:
             near &= (ahead > 0) | ~dr.gather(mi.Bool, self.cast_in, fiber)
         if self.still is None:
             return near
-        beam = self.beam_of(fiber, mi.UInt32(0))
-        distance = dr.dot(offset, beam) / dr.dot(d, beam)
+        distance = self._to_plane(fiber, offset, d)
         through = (dr.squared_norm(offset - distance * d) <= within) & (distance > 0)
         still = dr.gather(mi.Bool, self.still, fiber)
         return dr.select(still, through & (distance < end), near)

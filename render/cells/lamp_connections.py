@@ -19,6 +19,7 @@ import mitsuba as mi
 
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim, Way
+from render.cells.lamp_images import LampImages
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -47,7 +48,9 @@ class MetLamp:
     """The segment from ``p`` along ``d`` of a camera subpath that passed through a lamp.
 
     A Dr.Jit PyTree. ``weight`` is 1 / probability that it was kept, 0 where there is none; the sums
-    are those of the segment (``render.paths.walk.SubpathState``).
+    are those of the segment (``render.paths.walk.SubpathState``). ``image`` of the lamp was met
+    that facets may be joined to (``render.cells.lamp_images``), and ``facet_d_vcm`` is that of the
+    direction in which the subpath left the facet.
     """
 
     p: mi.Point3f
@@ -56,6 +59,8 @@ class MetLamp:
     depth: mi.Spectrum
     d_vcm: mi.Float
     d_vc: mi.Float
+    image: mi.UInt32
+    facet_d_vcm: mi.Float
     weight: mi.Float
 
     @staticmethod
@@ -63,7 +68,7 @@ class MetLamp:
         """Return a segment with weight 0, for loops that have not found one yet."""
         return MetLamp(
             dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Spectrum(0),
-            mi.Float(0), mi.Float(0), mi.Float(0),
+            mi.Float(0), mi.Float(0), mi.UInt32(0), mi.Float(0), mi.Float(0),
         )  # fmt: skip
 
     @staticmethod
@@ -73,7 +78,7 @@ class MetLamp:
         by_volume = dr.select(state.from_volume, channel_mean(state.sigma_from), 1.0)
         return MetLamp(
             mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta), mi.Spectrum(state.depth),
-            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.Float(1),
+            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.UInt32(0), mi.Float(0), mi.Float(1),
         )  # fmt: skip
 
 
@@ -81,12 +86,14 @@ class MetLamp:
 class Lamp:
     """The lamp of each lane: one of the fibers of ``light``.
 
-    ``bare`` says that silicone and air have the same index, so that the coating sees the lamp.
+    ``bare`` says that silicone and air have the same index, so that the coating sees the lamp;
+    ``images`` are what facing walls show of it, if anything.
     """
 
     light: FiberLight
     fiber: mi.UInt32
     bare: bool
+    images: LampImages | None
 
     def passed(
         self, segment: MetLamp, begin: mi.Point3f, state: SubpathState, v: Vertex,
@@ -102,7 +109,19 @@ class Lamp:
         length = dr.select(escaped, dr.inf, length)
         return self.light.passed(self.fiber, begin, segment.d, length)
 
-    def met(self, segment: MetLamp) -> list[mi.Float]:
+    def image(
+        self, facet: Vertex, launched: mi.Vector3f, travelled: mi.Float, begin: mi.Point3f,
+        d: mi.Vector3f,
+    ) -> mi.UInt32:  # fmt: skip
+        """Return which image of the lamp a subpath meets that passes through it from ``begin``.
+
+        It left the ``facet`` in the direction ``launched`` and came ``travelled`` mm over mirrors.
+        """
+        assert self.images is not None
+        way = travelled + self.light.distance(self.fiber, begin, d)
+        return self.images.along(self.fiber, facet.p, way * launched)
+
+    def met(self, segment: MetLamp, facet: Vertex) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
         # The free path that let the segment through is part of its density, in the mean.
@@ -110,6 +129,10 @@ class Lamp:
         through = channel_mean(relative)
         value = channel_mean(segment.beta * relative) / through * segment.weight
         ratio = ray.joined * segment.d_vcm / through + ray.emitted * segment.d_vc
+        if self.images is not None:
+            ratio += self.images.strategies(
+                segment.image, self.fiber, facet, segment.d, segment.facet_d_vcm
+            )
         return _scaled(ray.radiance, value / (1.0 + ratio), segment.weight > 0)
 
     def joined(
@@ -176,7 +199,7 @@ class AimedSubpaths:
         sums = [mi.Float(0.0)] * self.lamp.light.nodes
         for way in self.aim.main_ways:
             met = self._trace(scene, facet, way, stream, event)
-            for j, value in enumerate(self.lamp.met(met)):
+            for j, value in enumerate(self.lamp.met(met, facet)):
                 sums[j] = sums[j] + value
             event = event + AIMED_EVENTS
         return sums
@@ -198,7 +221,7 @@ class AimedSubpaths:
         )
         active = active & (dr.max(value) > 0)
         met = MetLamp.none()
-        count = mi.UInt32(1)
+        count, travelled = mi.UInt32(1), mi.Float(0.0)
         # Without a face between, a facet is joined to a lamp in the pad (s = 1).
         late = mi.Bool(True)
         if self.lamp.light.cast_in is not None:
@@ -207,6 +230,12 @@ class AimedSubpaths:
             segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
             state, v, arrived, escaped = trace_segment(scene, state, active)
             passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
+            if self.lamp.images is not None:
+                # Images that facets are joined to are left to camera subpaths.
+                image = self.lamp.image(facet, direction, travelled, begin, segment.d)
+                passed &= image == self.lamp.images.none
+                segment.image = self.lamp.images.none
+                travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta

@@ -123,12 +123,25 @@ class MirrorImages(ABC):
         metal = dr.gather(mi.Float, self.metal, plane)
         return dr.select(metal < 0, reflected, metal)
 
-    def _met(self, mirror: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
-        """Return what an image's one mirror reflects, and the chance that a path is reflected.
+    def met(
+        self, v: Vertex, direction: mi.Vector3f
+    ) -> tuple[mi.Bool, mi.Float, mi.Float, mi.Vector3f]:
+        """Return whether ``v`` lies in a mirror, and what becomes there of a ``direction`` to it.
+
+        That is as in `met_at`, and the direction after it.
+        """
+        mirror = self._mirror(v)
+        return (
+            mirror > 0,
+            *self.met_at(self._plane(mirror), dr.dot(v.n, direction)),
+            self.folded(mirror, direction),
+        )
+
+    def met_at(self, plane: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+        """Return what a mirror reflects, and the chance that a path is reflected.
 
         It is reflected by chance where it could leave the pad, and always by metal.
         """
-        plane = self._plane(mirror)
         reflected = self.reflectance(plane, cosine)
         if self.metal is None:
             return reflected, reflected
@@ -199,7 +212,7 @@ class MirrorImages(ABC):
             rest = self._without(left, mirror)
             meets = going & hit & (mirror > 0) & (rest < self.count)
             active = active & (~going | meets)
-            reflected, chosen = self._met(mirror, dr.dot(b.n, d))
+            reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d))
             reflectance *= dr.select(meets, reflected, 1.0)
             chance *= dr.select(meets, chosen, 1.0)
             depth += dr.select(meets, further, 0.0)
@@ -236,7 +249,7 @@ class MirrorImages(ABC):
         d_vcm = dr.select(useful, d_vcm, 0.0)
         mirror = self._mirror(v)
         fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
-        chance = chain.chance * self._met(mirror, dr.dot(v.n, state.d))[1]
+        chance = chain.chance * self.met_at(self._plane(mirror), dr.dot(v.n, state.d))[1]
         following = ImageChain(
             chain.image + mirror, fits, chance, chain.depth + state.depth, chain.d_vcm
         )
