@@ -62,7 +62,7 @@ class LampAim:
         # Lamps in the silicone are seen where they are.
         inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, poses.foot)
         from_below = (poses.face == LOWER) & ~inside
-        far_axis = np.where(from_below[:, None], poses.face_up, poses.face_inward)
+        far_axis = np.where((poses.face == LOWER)[:, None], poses.face_up, poses.face_inward)
         # Where the walls beside a lamp are, along its face; planes for a flat pad only.
         low, high = scene.box.low * [1, 1, 0], scene.box.high * [1, 1, 0]
         walls = np.concatenate(

@@ -30,7 +30,7 @@ from render.paths.walk import GuidingDistribution, guided_pdf
 from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
-CELL_MAX = 12
+CELL_MAX = 40
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
 CELLS = 2 * CELL_MAX + 1
 DEPTHS = 8
@@ -42,11 +42,11 @@ RIM_SHARE = 0.05
 CODES = DEPTHS * CELLS**2
 AIMED_CELL_MAX = 1
 """Cells up to here are known to ``LampAim``."""
-LEAST_SHARE = 1e-5
+LEAST_SHARE = 1e-7
 """Part of the light of a lamp's images below which one is left to camera subpaths."""
-SLOTS = 4096
+SLOTS = 1 << 14
 """Slots of equal probability by which images are drawn."""
-GRID = 8
+GRID = 3
 """Points of the coating along x and y at which shares of images are estimated."""
 COSINE_MIN = 0.05
 """Least cosine at the coating in shares: facets are tilted."""
@@ -63,7 +63,7 @@ class LampImages:
         self.light, self.mirrors = light, RepeatedImages(scene)
         low, high = scene.box.low, scene.box.high
         cells = _cells(scene)
-        lamps = np.flatnonzero(cast_in(scene))
+        lamps = np.flatnonzero(_cast_in(scene))
         entries = [(int(lamp), cell) for lamp in lamps for cell in cells]
         rows = np.array(
             [[*np.concatenate(box_image(low, high, cell)), *wall_reflections(cell)]
@@ -109,11 +109,11 @@ class LampImages:
         # Each with a point of the lamp's end of its own (R3 sequence).
         u, v, w = (mi.Float(at) * each for each in (0.8191725, 0.6710436, 0.5497005))
         u, v, w = (each - dr.floor(each) for each in (u, v, w))
-        direction, distance, ray = self._line(entry, lamp, p, u, mi.Point2f(v, w))
+        direction, distance, ray = self.line(entry, lamp, p, u, mi.Point2f(v, w))
         level = mi.Float(0.0)
         for value in ray.radiance:
             level += value / len(ray.radiance)
-        sent = level * self._reflected(entry, direction) / dr.square(distance)
+        sent = level * self.reflected(entry, direction) / dr.square(distance)
         sent *= dr.maximum(-direction.z, COSINE_MIN)
         strength = np.array(sent, dtype=np.float64).reshape(len(lamp_of), points).mean(axis=1)
         strength[np.tile([z < -1 for _, _, z in cells], len(strength) // len(cells))] *= RIM_SHARE
@@ -134,6 +134,15 @@ class LampImages:
         code = dr.select(known, mi.UInt32(dr.maximum(number, 0.0)), CODES)
         return dr.gather(mi.UInt32, self._table, lamp * (CODES + 1) + code)
 
+    def drawn(self, lamp: mi.UInt32, number: mi.Float) -> mi.UInt32:
+        """Return an image of ``lamp`` for a uniform ``number``."""
+        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
+        return dr.gather(mi.UInt32, self._drawn, lamp * SLOTS + slot)
+
+    def probability(self, entry: mi.UInt32) -> mi.Float:
+        """Return the probability with which an image is `drawn`."""
+        return dr.gather(mi.Float, self._chosen, entry)
+
     @property
     def none(self) -> mi.UInt32:
         """What stands for no image."""
@@ -143,7 +152,7 @@ class LampImages:
         base = ROW * dr.minimum(entry, self._none - 1) + first
         return [dr.gather(mi.Float, self._rows, base + i) for i in range(count)]
 
-    def _reflected(
+    def reflected(
         self, entry: mi.UInt32, direction: mi.Vector3f, *, chance: bool = False
     ) -> mi.Float:
         """Return what all mirrors on the way reflect, or the chance to be reflected by them."""
@@ -158,7 +167,7 @@ class LampImages:
 
     # -- lines ----------------------------------------------------------------------------------
 
-    def _line(
+    def line(
         self, entry: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
     ) -> tuple[mi.Vector3f, mi.Float, LampRay]:
         """Return direction and length of the line from ``a`` to an image, and what it carries."""
@@ -179,16 +188,15 @@ class LampImages:
     ) -> list[mi.Float]:  # fmt: skip
         """Return, per direction node, the light of one image joined to facets ``a``."""
         pick, node, x, y = numbers
-        slot = dr.minimum(mi.UInt32(pick * SLOTS), SLOTS - 1)
-        entry = dr.gather(mi.UInt32, self._drawn, lamp * SLOTS + slot)
-        direction, distance, ray = self._line(entry, lamp, a.p, node, mi.Point2f(x, y))
-        density = ray.joined * dr.gather(mi.Float, self._chosen, entry)
+        entry = self.drawn(lamp, pick)
+        direction, distance, ray = self.line(entry, lamp, a.p, node, mi.Point2f(x, y))
+        density = ray.joined * self.probability(entry)
         active = (a.weight > 0) & (density > 0)
         f, pdf, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         pdf = guided_pdf(guiding, a, direction, pdf)
         active &= dr.max(f) > 0
         carried, transmittance = self._followed(scene, a, direction, distance, active)
-        by_chance = pdf * self._reflected(entry, direction, chance=True)
+        by_chance = pdf * self.reflected(entry, direction, chance=True)
         value = channel_mean(a.beta * f * transmittance) * carried * a.weight
         value /= density + by_chance
         return [dr.select(active & (each > 0), each * value, 0.0) for each in ray.radiance]
@@ -206,8 +214,8 @@ class LampImages:
         sign, shift = mi.Vector3f(row[:3]), mi.Vector3f(row[3:])
         seen_from = mi.Point3f(sign * (mi.Vector3f(a.p) - shift))
         ray = self.light.ray(lamp, seen_from, -folded)
-        density = ray.joined * dr.gather(mi.Float, self._chosen, entry)
-        chance = self._reflected(entry, sign * folded, chance=True)
+        density = ray.joined * self.probability(entry)
+        chance = self.reflected(entry, sign * folded, chance=True)
         return dr.select(density > 0, density * d_vcm / dr.maximum(chance, 1e-12), 0.0)
 
     @dr.syntax
@@ -242,14 +250,14 @@ class LampImages:
         return dr.select(clear & seen, reflectance, 0.0), dr.exp(-depth - last)
 
 
-def cast_in(scene: Scene) -> np.ndarray:
-    """Return which lamps are in the silicone of the pad, ``(lamp,)``."""
-    return np.array([lamp.solid == "pad" for lamp in scene.placed_lamps()])
+def _cast_in(scene: Scene) -> np.ndarray:
+    """Return which lamps are in the silicone of pad and rim, ``(lamp,)``."""
+    return np.array([lamp.solid in ("pad", "diffuser") for lamp in scene.placed_lamps()])
 
 
 def has_lamp_images(scene: Scene) -> bool:
     """Return whether a flat pad has lamps that its walls show over and over."""
-    return bool(cast_in(scene).any()) and bool(_cells(scene))
+    return bool(_cast_in(scene).any()) and bool(_cells(scene))
 
 
 def _cells(scene: Scene) -> list[tuple[int, int, int]]:

@@ -239,6 +239,10 @@ CASES: dict[str, dict[str, Any]] = {
     "cast in": CAST_IN,
     "cast in rough 0.1": {"pad.roughness": (0.1,), **CAST_IN},
     "cast in no face": {"pad.index": (1.0,), **CAST_IN},
+    "cast in index 1.7": {"pad.index": (1.7,), "pad.thickness": (7.7, MM), **CAST_IN},
+    "cast in beside a clear rim index 1.7": {
+        "pad.index": (1.7,), "diffuser": CLEAR_RIM, **CAST_IN,
+    },
     "cast in beside a rim rough 0.1": {"diffuser": RIM, "pad.roughness": (0.1,), **CAST_IN},
     "cast in bent 45": {"bending.angles": ([45.0], DEG), **CAST_IN},
     "cast in bent 45 rough 0.1": {

@@ -178,6 +178,24 @@ def test_a_rough_wall_lights_facets_over_smooth_faces() -> None:
     assert found.mean() == pytest.approx(truth.mean(), abs=3.5 * error + 0.02 * truth.mean())
 
 
+def test_walls_that_reflect_all_light_show_a_lamp_in_the_pad_over_and_over() -> None:
+    """Facets turned away from a lamp get a third of its light over two and more walls.
+
+    Without absorption the sum over images falls off like a logarithm, so a few percent stay beyond
+    those that are joined.
+    """
+    scene = scene_of_case("cast in index 1.7")
+    estimate = render_transport(scene, np.array([PHI]), np.zeros(1), samples=1500, replicates=16)
+    shape = (16, 2, scene.sites.count, scene.indenter.faces)
+    found = estimate.replicates.reshape(shape).sum(axis=2)
+    truth = traced(AnalogScene(scene), 8_000_000).reshape(shape).sum(axis=2)
+    error = np.hypot(stats.sem(found), stats.sem(truth))
+    ratio = found.mean(axis=0) / truth.mean(axis=0)
+    assert (error < 0.08 * truth.mean(axis=0)).all()
+    assert (ratio > 0.9 - 2.5 * error / truth.mean(axis=0)).all()
+    assert ratio.mean() == pytest.approx(0.98, abs=0.04)
+
+
 def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
     for result in compared("rim bent 45", samples=200, photons=800_000):
         assert abs(result.ratio - 1) < 3.5 * result.error

@@ -138,3 +138,31 @@ def light_center(scene: Scene) -> list[float]:
 
     center: list[float] = fiber_poses(scene, 0.0).position[0].tolist()
     return center
+
+
+def test_lamps_in_the_silicone_are_aimed_at_over_each_wall_whatever_face_is_next(
+    mono: ModuleType,
+) -> None:
+    """Axes of lobes end at images of the lamp, also of one that is nearest to the lower face."""
+    scene = scene_of_case("cast in")
+    aim, a = aim_of(scene), facets(scene, 0.0).site_position[1]
+    zero = mono.Float([0.0])
+    low, high = scene.box.low, scene.box.high
+    for number, lamp in enumerate(scene.placed_lamps()):
+        cells = set()
+        for way in aim.ways:
+            d = aim.sample_way(mono.UInt32([number]), lanes(mono, a, 1), way, zero, zero)
+            direction = np.array(d, dtype=np.float64)[:, 0]
+            images = [
+                (cell, np.where(np.array(cell) % 2, low + high - lamp.position, lamp.position)
+                 + np.array(cell) * (high - low))
+                for cell in np.ndindex(3, 3, 2)
+                for cell in [(cell[0] - 1, cell[1] - 1, -cell[2])]
+            ]  # fmt: skip
+            off = [
+                np.linalg.norm(np.cross(image - a, direction)) / np.linalg.norm(image - a)
+                for _, image in images
+            ]
+            assert min(off) < 1e-3
+            cells.add(images[int(np.argmin(off))][0])
+        assert len(cells) == 18
