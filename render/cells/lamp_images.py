@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.fiber_light import FiberLight, LampRay
-from render.cells.lamp_ways import box_image, slots_of, wall_reflections
+from render.cells.lamp_ways import box_image, wall_reflections
 from render.cells.mirror_images import mirror_faces
 from render.cells.repeated_images import RepeatedImages
 from render.geometry import LOWER
@@ -44,7 +44,7 @@ AIMED_CELL_MAX = 1
 """Cells up to here are known to ``LampAim``."""
 LEAST_SHARE = 1e-7
 """Part of the light of a lamp's images below which one is left to camera subpaths."""
-SLOTS = 1 << 14
+SLOTS = 1 << 16
 """Slots of equal probability by which images are drawn."""
 GRID = 3
 """Points of the coating along x and y at which shares of images are estimated."""
@@ -82,9 +82,11 @@ class LampImages:
             own = np.flatnonzero((lamp_of == lamp) & (share > LEAST_SHARE))
             if not len(own):
                 continue
-            slots = slots_of(share[own], SLOTS)
-            drawn[lamp] = own[slots]
-            chosen[own] = np.bincount(slots, minlength=len(own)) / SLOTS
+            # Each has one slot at least.
+            count = 1 + np.floor((SLOTS - len(own)) * share[own]).astype(np.int64)
+            count[count.argmax()] += SLOTS - count.sum()
+            drawn[lamp] = np.repeat(own, count)
+            chosen[own] = count / SLOTS
             table[lamp, [_code(entries[i][1]) for i in own]] = own
         self._drawn, self._table = mi.UInt32(drawn.ravel()), mi.UInt32(table.ravel())
         self._chosen = mi.Float(chosen.astype(np.float32))

@@ -205,14 +205,14 @@ class LampWays:
             always = share > MAIN_SHARE
             main += taken[always].tolist()
             facet[taken[always]] = 1.0
-            later_slots = slots_of(share, SLOTS)
+            later_slots = _slots(share)
             drawn_later[number] = taken[later_slots] if len(taken) else self.entries
             later[taken] = np.bincount(later_slots, minlength=len(taken)) / SLOTS
             rest = taken[~always]
             drawn_facet[number] = self.entries
             if len(rest):
                 some = True
-                slots = slots_of(share[~always], SLOTS)
+                slots = _slots(share[~always])
                 drawn_facet[number] = rest[slots]
                 facet[rest] = np.bincount(slots, minlength=len(rest)) / SLOTS
         self.main = len(main)
@@ -405,16 +405,16 @@ def _outside(low: Array, high: Array, face: int, p: Array) -> float:
     return float(p[axis] - high[axis] if upper else low[axis] - p[axis])
 
 
-def slots_of(share: Array, count: int) -> NDArray[np.int64]:
-    """Return which way each of ``count`` slots draws, from their shares ``(way,)``."""
+def _slots(share: Array) -> NDArray[np.int64]:
+    """Return which way each slot draws, ``(slot,)``, from their shares ``(way,)``."""
     if not len(share):
         return np.zeros(0, dtype=np.int64)
     total = share.sum()
     even = np.full(len(share), 1 / len(share))
     mixed = (1 - UNIFORM_SHARE) * (share / total if total > 0 else even) + UNIFORM_SHARE * even
     # Each way has one slot at least.
-    counts = np.maximum(1, np.floor(mixed * count)).astype(np.int64)
-    counts[counts.argmax()] += count - counts.sum()
+    counts = np.maximum(1, np.floor(mixed * SLOTS)).astype(np.int64)
+    counts[counts.argmax()] += SLOTS - counts.sum()
     return np.repeat(np.arange(len(share)), counts)
 
 

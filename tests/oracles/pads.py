@@ -256,6 +256,10 @@ CASES: dict[str, dict[str, Any]] = {
         "diffuser": CLEAR_RIM, "lamps": [listed(-11, 2, 1.5, 1, 0.2, 0.3)],
     },
     "row cast in": {"rows": [row("left", 2, gap=-1.0), row("tip", 2, gap=-0.7, turns=False)]},
+    "cast in between mirrors": {
+        **CAST_IN,
+        "faces": [painted("mirror", "left", "right", "base", "tip", reflectance=0.95)],
+    },
     "cast in, black and mirror walls": {
         **CAST_IN,
         "faces": [

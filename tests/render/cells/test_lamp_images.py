@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_images import CELL_MAX, LampImages, has_lamp_images
+from render.cells.lamp_images import CELL_MAX, SLOTS, LampImages, has_lamp_images
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
@@ -83,7 +83,7 @@ def test_every_image_that_is_drawn_is_drawn_as_often_as_it_says(
     import mitsuba as mi
 
     images = images_of(scene)
-    number = (np.arange(1 << 14) + 0.5) / (1 << 14)
+    number = (np.arange(SLOTS) + 0.5) / SLOTS
     for lamp in range(scene.lamp_count):
         entry = images.drawn(mi.UInt32(np.full(len(number), lamp)), mi.Float(number))
         found, times = np.unique(np.array(entry), return_counts=True)
