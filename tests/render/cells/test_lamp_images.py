@@ -16,7 +16,8 @@ COUNT = 2000
 
 
 @pytest.fixture(
-    scope="module", params=["cast in index 1.7", "cast in beside a clear rim index 1.7"]
+    scope="module",
+    params=["cast in index 1.7", "cast in beside a clear rim index 1.7", "cast in between mirrors"],
 )
 def scene(request: pytest.FixtureRequest) -> Scene:
     return scene_of_case(request.param)
