@@ -64,20 +64,20 @@ class LampImages:
         low, high = scene.box.low, scene.box.high
         cells = _cells(scene)
         lamps = np.flatnonzero(_cast_in(scene))
-        entries = [(int(lamp), cell) for lamp in lamps for cell in cells]
+        lamp_of = np.repeat(lamps, len(cells)).astype(np.uint32)
+        code_of = np.tile([_code(cell) for cell in cells], len(lamps))
         rows = np.array(
             [[*np.concatenate(box_image(low, high, cell)), *wall_reflections(cell)]
              for cell in cells]
         )  # fmt: skip
         self._rows = mi.Float(np.tile(rows, (len(lamps), 1)).astype(np.float32).ravel())
         self._low, self._size = mi.Vector3f(*low.tolist()), mi.Vector3f(*(high - low).tolist())
-        self._none = mi.UInt32(len(entries))
+        self._none = mi.UInt32(len(lamp_of))
         dr.make_opaque(self._rows, self._low, self._size, self._none)
-        lamp_of = np.array([lamp for lamp, _ in entries], dtype=np.uint32)
         share = self._shares(scene, lamp_of, cells)
-        drawn = np.full((scene.lamp_count, SLOTS), len(entries), dtype=np.uint32)
-        chosen = np.zeros(len(entries) + 1)
-        table = np.full((scene.lamp_count, CODES + 1), len(entries), dtype=np.uint32)
+        drawn = np.full((scene.lamp_count, SLOTS), len(lamp_of), dtype=np.uint32)
+        chosen = np.zeros(len(lamp_of) + 1)
+        table = np.full((scene.lamp_count, CODES + 1), len(lamp_of), dtype=np.uint32)
         for lamp in lamps:
             own = np.flatnonzero((lamp_of == lamp) & (share > LEAST_SHARE))
             if not len(own):
@@ -87,7 +87,7 @@ class LampImages:
             count[count.argmax()] += SLOTS - count.sum()
             drawn[lamp] = np.repeat(own, count)
             chosen[own] = count / SLOTS
-            table[lamp, [_code(entries[i][1]) for i in own]] = own
+            table[lamp, code_of[own]] = own
         self._drawn, self._table = mi.UInt32(drawn.ravel()), mi.UInt32(table.ravel())
         self._chosen = mi.Float(chosen.astype(np.float32))
         dr.make_opaque(self._drawn, self._table, self._chosen)
