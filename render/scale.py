@@ -3,7 +3,7 @@
 Scores can only be compared on one scale, so the scale is a property of the scene: two files of one
 hash have the same, whatever was rendered of them and however noisily. It is taken from the preview
 (level 0) as it is drawn, which is free of noise. Under a window of another index than the pad's,
-where that may lack a third of the light, it is taken from the converged preview, of a fixed number
+where that may lack a third of the light, it is taken from light that is followed, a fixed number
 of paths from fixed random numbers. Where the preview is too bright or too dark by a factor, renders
 of the baseline reach 230 counts divided or multiplied by it, and all designs alike;
 ``tactilux train`` says how much they reach, and clipped facets are counted wherever scores are.
@@ -61,9 +61,11 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
         TableError: the baseline is dark, or one color lights everything.
     """
     if scene.window_refracts:
-        from render.preview.converged import transport_ahead
+        from render.preview.converged import NODES, few_paths_transport
 
-        transport = transport_ahead(scene).cells[..., :-1]
+        # The middle one of the nodes is straight ahead.
+        middle = slice(len(NODES) // 2, len(NODES) // 2 + 1)
+        transport = few_paths_transport(scene).cells[:, middle, ..., :-1]
     else:
         from render.preview import Preview
 

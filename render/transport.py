@@ -19,7 +19,7 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.files import read_npz, write_npz
 
-LEVELS = ("preview", "converged preview", "surrogate", "reference")
+LEVELS = ("preview", "preview of few paths", "converged preview", "surrogate", "reference")
 
 OPTIONAL = ("background", "background_se", "half_difference")
 """Arrays that a table may be without."""

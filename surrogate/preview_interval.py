@@ -1,18 +1,18 @@
-"""How far scores of a preview may be off: intervals that a scene's two previews calibrate.
+"""How far scores of a preview may be off: intervals that a scene's previews calibrate.
 
-The preview as the shader draws it and the converged one are made in ways that share little. Where
-they are far apart, light goes ways that are hard to follow, and the converged one is less sure too.
-So its half-width for 90 % coverage is ``hypot(DIFFERENCE_SHARE D, floor M)`` with D the same
-quantile of the differences of the two previews' scores over random designs of the very scene, and M
-the mean metric of its baseline; the floor is that of flat pads, of flat pads with a diffuser, whose
-light both previews miss alike, or of pads that bend. The drawn
-preview answers before the converged one is there and has a fraction of M alone.
+The preview as the shader draws it and those whose light was followed are made in ways that share
+little. Where they are far apart, light goes ways that are hard to follow, and the followed ones are
+less sure too. So the half-width of these for 90 % coverage is
+``hypot(DIFFERENCE_SHARE D, floor M, NOISE_SHARE n M)``, with D the same quantile of the differences
+to the drawn one's scores over random designs of the very scene, and M the mean metric of its
+baseline. The floor is that of flat pads, of flat pads with a diffuser, whose light all previews
+miss alike, or of pads that bend; n is the photon noise of the colors above `NOISE_LIMIT`, up to
+which the floors hold it. The drawn preview has a fraction of M alone.
 
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
 same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
 through (``python -m tests.validation.test_preview_model``; tests/validation/RESULTS.md says on how
-few sensors they rest). These sensors had photon noise of 1 to 5 % of a color, so the floors hold
-noise up to `NOISE_LIMIT`; what is above it widens by `NOISE_SHARE` of M.
+few sensors they rest). These sensors had photon noise of 1 to 5 % of a color.
 """
 
 from __future__ import annotations
@@ -32,30 +32,26 @@ DESIGNS = 100
 """Random designs that the two previews are compared on."""
 DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
-WINDOW_FRACTION = 0.16
-"""The same where a window refracts, whose guided light it has of few paths."""
 FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.01, 0.025, 0.035
-"""Half-width of the converged preview over M where both previews agree: of flat clear pads, of flat
-pads with a diffuser, and of pads that bend, whose light both previews lose alike."""
+"""Half-width of a followed preview over M where it and the drawn one agree: of flat clear pads, of
+flat pads with a diffuser, and of pads that bend, whose light both lose alike."""
 DIFFERENCE_SHARE = 0.2
-"""Half-width of the converged preview over D where they differ."""
-NOISE_SHARE = 1.0
-"""Half-width of the converged preview over M per photon noise of its colors; other seeds moved 90 %
-of the scores of a bent pad by 0.3 to 0.6 of it (tests/validation/RESULTS.md)."""
+"""Half-width of a followed preview over D where they differ."""
+NOISE_SHARE = 0.3
+"""Half-width over M per photon noise of colors; other seeds moved 90 % of the scores of a bent pad
+by 0.3 to 0.6 of it (tests/validation/RESULTS.md)."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
 
 
-def drawn_half_width(scene: Scene, mean: float) -> float:
+def drawn_half_width(mean: float) -> float:
     """Return the half-width of scores of the preview as drawn; ``mean`` is M of the baseline."""
-    return (WINDOW_FRACTION if scene.window_refracts else DRAWN_FRACTION) * mean
+    return DRAWN_FRACTION * mean
 
 
-def converged_half_width(
-    scene: Scene, mean: float, difference: float, photon_noise: float
-) -> float:
-    """Return the half-width of scores of the converged preview of ``scene``, counts.
+def followed_half_width(scene: Scene, mean: float, difference: float, photon_noise: float) -> float:
+    """Return the half-width of scores of a preview of ``scene`` whose light was followed, counts.
 
     ``mean`` is M of its baseline, ``difference`` D of `preview_difference`; ``photon_noise`` that
     of its colors, which widens where it is above `NOISE_LIMIT`.
@@ -66,10 +62,10 @@ def converged_half_width(
     return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, NOISE_SHARE * excess * mean)
 
 
-def preview_difference(scene: Scene, drawn: Scores, converged: Scores) -> float:
-    """Return D: the quantile `COVERAGE` of ``|S_drawn - S_converged|`` over random designs."""
+def preview_difference(scene: Scene, drawn: Scores, followed: Scores) -> float:
+    """Return D: the quantile `COVERAGE` of ``|S_drawn - S_followed|`` over random designs."""
     rng, lamps = np.random.default_rng(17), scene.lamp_count
     phi = rng.uniform(0.0, np.pi, (DESIGNS, lamps))
     palette = scene.palette
     power = palette.matrix[random_colors(DESIGNS, lamps, rng, len(palette.names))]
-    return float(np.quantile(np.abs(drawn(phi, power) - converged(phi, power)), COVERAGE))
+    return float(np.quantile(np.abs(drawn(phi, power) - followed(phi, power)), COVERAGE))

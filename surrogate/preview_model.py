@@ -1,18 +1,18 @@
 """The model that a scene has before anything was rendered: its preview, with measured intervals.
 
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
-residual. The coarse preview is the shader's, and there in seconds. The converged one corrects its
-transport by that of `render.preview.converged`, which takes about a minute. How far each is from
-level 2 was measured once (``tests/validation/test_preview_model.py``); `preview_interval` makes it
-the intervals of a scene.
+residual. The coarse preview is the shader's, and there in seconds. Two others correct its transport
+by that of `render.preview.converged`: of few light paths, some seconds later, and the converged
+one, in about a minute. How far each is from level 2 was measured once
+(``tests/validation/test_preview_model.py``); `preview_interval` makes it the intervals of a scene.
 """
 
 from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,7 +20,12 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import AHEAD, can_converge, converged_transport, transport_ahead
+from render.preview.converged import (
+    ConvergedTransport,
+    can_converge,
+    converged_transport,
+    few_paths_transport,
+)
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -31,12 +36,12 @@ from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.preview_interval import (
     COVERAGE,
-    converged_half_width,
     drawn_half_width,
+    followed_half_width,
     preview_difference,
 )
 from surrogate.runtime import Checker, ModelMetadata
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, UNITS
+from surrogate.runtime.metadata import CONVERGED, FEW_PATHS, PREVIEW, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 4
@@ -50,7 +55,7 @@ class PreviewErrors:
     """How far a preview is from level 2, measured on sensors that it was not made for.
 
     Arguments:
-        kind: `PREVIEW` or `CONVERGED`.
+        kind: `PREVIEW`, `FEW_PATHS` or `CONVERGED`.
         color_spread: one standard deviation of a facet's color, relative.
         facet_median, facet_p95: of colors, relative.
         score_median, score_p95: of scores, counts.
@@ -72,6 +77,7 @@ class PreviewErrors:
 
 
 COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.22, 0.6, 11.0, 35.0, 0.73)
+FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.1, 0.047, 0.14, 4.0, 12.0, 0.89)
 CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
@@ -82,52 +88,65 @@ def preview_checker(
     """Return a checker of ``scene`` on its preview alone, level 0.
 
     The converged one, in about a minute; with ``coarse``, or where there is no converged one, the
-    shader's, in seconds; under a window of another index than the pad's with the brightness of few
-    paths, which take a third of the minute. Both are kept in the user's cache, by the scene's hash.
+    shader's, in seconds; with ``coarse`` under a window of another index than the pad's, where the
+    shader lacks up to a third of the light, that of `few_paths_checker`. All are kept in the user's
+    cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
         TableError: the preview is black or not finite.
     """
+    if can_converge(scene) and not coarse:
+        return _followed(scene, converged_transport, CONVERGED_ERRORS, progress)
+    if scene.window_refracts:
+        return few_paths_checker(scene, progress)
     grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
-    if coarse or not can_converge(scene):
-        first = _first_answer(scene, grid)
-        session = PreviewSession(scene, first, scale, COARSE_ERRORS.color_spread)
-        half_width = preview_half_width(scene, scale, grid)
-        return Checker(session, _about(scene, first, scale, COARSE_ERRORS, half_width))
-    following = in_stage(progress, "following light")
-    followed = corrected(grid, scene, converged_transport(scene, following))
+    half_width = preview_half_width(scene, scale, grid)
+    session = PreviewSession(scene, grid, scale, COARSE_ERRORS.color_spread)
+    return Checker(session, _about(scene, grid, scale, COARSE_ERRORS, half_width))
+
+
+def few_paths_checker(scene: Scene, progress: OnProgress | None = None) -> Checker:
+    """Return a checker of ``scene`` on its preview as few light paths correct it.
+
+    For scenes that have a converged one (`can_converge`). It raises what `preview_checker` does.
+    """
+    return _followed(scene, few_paths_transport, FEW_PATHS_ERRORS, progress)
+
+
+def _followed(
+    scene: Scene,
+    transport: Callable[[Scene, OnProgress | None], ConvergedTransport],
+    errors: PreviewErrors,
+    progress: OnProgress | None,
+) -> Checker:
+    grid, scale = _drawn(scene, in_stage(progress, "drawing the pad"))
+    light = transport(scene, in_stage(progress, "following light"))
+    followed = corrected(grid, scene, light)
     half_width = preview_half_width(scene, scale, grid, followed)
-    session = PreviewSession(scene, followed, scale, CONVERGED_ERRORS.color_spread)
-    return Checker(session, _about(scene, followed, scale, CONVERGED_ERRORS, half_width))
+    session = PreviewSession(scene, followed, scale, errors.color_spread)
+    return Checker(session, _about(scene, followed, scale, errors, half_width))
 
 
 def preview_half_width(
-    scene: Scene, scale: ScoreScale, drawn: PreviewGrid, converged: PreviewGrid | None = None
+    scene: Scene, scale: ScoreScale, drawn: PreviewGrid, followed: PreviewGrid | None = None
 ) -> float:
-    """Return the half-width of scores, counts, of the converged grid, or of the drawn one alone."""
-    first = PreviewSession(scene, _first_answer(scene, drawn), scale, COARSE_ERRORS.color_spread)
+    """Return the half-width of scores, counts, of the followed grid, or of the drawn one alone."""
     bends = np.array(scene.state_axis)
+    sessions = [
+        PreviewSession(scene, grid, scale, CONVERGED_ERRORS.color_spread)
+        for grid in (drawn, followed or drawn)
+    ]
     phi, power = np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None]
-    mean = float(design_score(first.outputs(phi, power, bends)["metric"]).mean[0])
-    if converged is None:
-        return drawn_half_width(scene, mean)
-    second = PreviewSession(scene, converged, scale, CONVERGED_ERRORS.color_spread)
-    difference = preview_difference(
-        scene,
-        lambda phi, power: first.outputs(phi, power, bends)["score"],
-        lambda phi, power: second.outputs(phi, power, bends)["score"],
-    )
-    return converged_half_width(scene, mean, difference, converged.photon_noise or 0.0)
-
-
-def _first_answer(scene: Scene, drawn: PreviewGrid) -> PreviewGrid:
-    """Return the drawn grid, with the light that a window guides."""
-    if not scene.window_refracts:
-        return drawn
-    # As drawn, up to a third of all light is missing. How bright lamps are is known well by few
-    # paths; colors are as drawn.
-    return replace(corrected(drawn, scene, transport_ahead(scene), AHEAD), photon_noise=None)
+    metric = sessions[1].outputs(phi, power, bends)["metric"]
+    mean = float(design_score(metric).mean[0])
+    if followed is None:
+        return drawn_half_width(mean)
+    scores = [
+        lambda phi, power, one=one: one.outputs(phi, power, bends)["score"] for one in sessions
+    ]
+    difference = preview_difference(scene, *scores)
+    return followed_half_width(scene, mean, difference, followed.photon_noise or 0.0)
 
 
 class PreviewSession:

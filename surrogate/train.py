@@ -249,7 +249,9 @@ def _preview(
             drawn = draw_grid(scene, PHI_NODES, BEND_NODES, told)
             error = interpolation_error(scene, drawn)
         preview = TrainingPreview(drawn, error, left_out)
-        if drawn.free is None and not config.coarse and can_converge(scene):
+        # Under a window the shader lacks up to a third of the light.
+        coarse = config.coarse and not scene.window_refracts
+        if drawn.free is None and not coarse and can_converge(scene):
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
             grid = followed_grid(drawn, scene, within, following)

@@ -46,7 +46,7 @@ def run(
         print_study,
         study_robustness,
     )
-    from optimize.scoring import is_prompt, open_model
+    from optimize.scoring import first_model, is_prompt, open_model
     from optimize.ui.output import check_target
     from render.preview.gl import create_context
     from render.scene import load_scene
@@ -64,11 +64,10 @@ def run(
         check_target(target)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        # What takes a minute to answer is answered coarsely before.
+        # What takes a minute to answer is answered with few light paths before.
         twice = not coarse and not is_prompt(scene, model)
-        answers = [True, False] if twice else [coarse]
-        for number, as_drawn in enumerate(answers):
-            checker = open_model(scene, model, coarse=as_drawn)
+        for last in (False, True) if twice else (True,):
+            checker = open_model(scene, model, coarse=coarse) if last else first_model(scene)
             where = (
                 f"its {checker.level}{noise_words(checker.photon_noise)}"
                 if checker.file is None
@@ -77,13 +76,12 @@ def run(
             note(f"Exploring {scene.name} on {where}")
             with ProgressBar() as bar:
                 found = explore(scene, checker, seed=seed, progress=_Steps(bar))
-                last = number + 1 == len(answers)
                 if last and (robust is not None or shadow is not None):
                     bar.note("  refining for what was asked")
                     found = study_robustness(found, robust, shadow, bar)
                 bar.note("  drawing pictures and the report")
                 result = write_exploration(
-                    found, target, lambda: time.monotonic() - began, keep_other=number == 0
+                    found, target, lambda: time.monotonic() - began, keep_other=last != twice
                 )
             if not last:
                 note(_first_answer(found, target, time.monotonic() - began))
@@ -102,7 +100,7 @@ def run(
 
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
-    """Return what the coarse preview found, for those who wait for more."""
+    """Return what the preview of few paths found, for those who wait for more."""
     low, high = found.rating.interval
     return (
         f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "

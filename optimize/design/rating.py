@@ -21,9 +21,10 @@ from render.metric import (
 )
 from render.scene import Scene
 
-Level = Literal["preview", "converged preview", "surrogate", "reference"]
+Level = Literal["preview", "preview of few paths", "converged preview", "surrogate", "reference"]
 LEVEL_NAMES: dict[str, str] = {
     "preview": "0, preview",
+    "preview of few paths": "0, preview of few paths",
     "converged preview": "0, converged preview",
     "surrogate": "1, surrogate",
     "reference": "2, reference",

@@ -42,7 +42,7 @@ class Stage(RatedDesign):
         clipped: fraction of facets that saturate.
         domain_excess: 0 inside the model's range, positive outside.
         normal_error: mean error of recovered normals in degrees, see `optimize.reconstruction`.
-        photon_noise: of facet colors, relative, where the converged preview rated it.
+        photon_noise: of facet colors, relative, where a preview of followed light rated it.
     """
 
     key: str
@@ -185,7 +185,7 @@ def rate(
 def stage_to_json(stage: Stage) -> dict[str, object]:
     """Return score, parts and normal error of a design as programs are told them.
 
-    ``photon_noise`` is null but on the converged preview.
+    ``photon_noise`` is null but on a preview whose light was followed.
     """
     rating = stage.rating
     return {

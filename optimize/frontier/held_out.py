@@ -144,7 +144,7 @@ class FrontierRow(ColorErrors):
         setup_seconds: spent once, before the first design.
         kendall_tau_interval: holds tau of 95 % of resampled sets of designs.
         interval: how often the level's own intervals hold; None where it states none.
-        photon_noise: of its colors, relative, as the converged preview says it.
+        photon_noise: of its colors, relative, as a preview of followed light says it.
     """
 
     facet_median_true: float

@@ -25,14 +25,15 @@ from render.progress import OnProgress, in_stage
 from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable, load_table
-from surrogate.preview_model import preview_checker
+from surrogate.preview_model import few_paths_checker, preview_checker
 from surrogate.runtime import Checker
 
 if TYPE_CHECKING:  # torch comes with it
     from surrogate.train import TrainConfig
 
 SETUP, CACHE, FEW, TABLE_FILE = "setup.json", "cache", "few", "reference.npz"
-PREVIEW, CONVERGED, FEW_RENDERS = "preview", "converged preview", "few renders"
+PREVIEW, FEW_PATHS, CONVERGED = "preview", "preview of few paths", "converged preview"
+FEW_RENDERS = "few renders"
 SHIPPED, TABLE = "checker.onnx", "table of few renders"
 SCALE_TOLERANCE = 1e-3
 """Relative difference of exposure or lambda from which scores are on another scale."""
@@ -86,22 +87,27 @@ def make_predictors(
         GraphicsError: no OpenGL library can draw.
     """
     setup = _Setup(folder, scene)
-    if not {PREVIEW, CONVERGED} <= setup.seconds.keys():
+    if not {FEW_PATHS, CONVERGED} <= setup.seconds.keys():
         shutil.rmtree(folder / CACHE, ignore_errors=True)
     with _own_cache(folder / CACHE):
-
-        def previewed(coarse: bool) -> Checker:
-            return preview_checker(scene, report, coarse=coarse)
-
         levels = Predictors(ScoreSettings(1.0, 0.0))
-        drawn = setup.timed(PREVIEW, lambda: previewed(True))
-        levels.found.append(drawn)
-        if can_converge(scene):
-            followed = setup.timed(CONVERGED, lambda: previewed(False))
-            seconds = drawn.seconds + followed.seconds
-            levels.found.append(Predictor(CONVERGED, followed.checker, seconds))
+        previews: dict[str, Callable[[], Checker]] = {}
+        if scene.window_refracts:
+            levels.left_out[PREVIEW] = "the shader lacks the light that a window guides"
         else:
-            levels.left_out[CONVERGED] = "light is followed to flat skins alone"
+            previews[PREVIEW] = lambda: preview_checker(scene, report, coarse=True)
+        if can_converge(scene):
+            previews[FEW_PATHS] = lambda: few_paths_checker(scene, report)
+            previews[CONVERGED] = lambda: preview_checker(scene, report)
+        else:
+            reason = "light is followed to flat skins alone"
+            levels.left_out |= {FEW_PATHS: reason, CONVERGED: reason}
+        seconds = 0.0
+        for level, make in previews.items():
+            # One after the other, as `tactilux explore` has them.
+            made = setup.timed(level, make)
+            seconds += made.seconds
+            levels.found.append(Predictor(level, made.checker, seconds))
         scale = scene_scale(scene)
         levels.settings = ScoreSettings(scale.exposure, scale.lam)
         try:

@@ -122,6 +122,9 @@ def caveats(exploration: Exploration) -> list[str]:
     origin = {
         "preview": "All scores come from the preview (level 0): nothing was rendered for this "
         "sensor. Its errors were measured on other sensors of the family, and are those below.",
+        "preview of few paths": "All scores come from the preview (level 0), which few light "
+        "paths corrected: nothing was rendered for this sensor, and the paths leave noise. Its "
+        "errors were measured on other sensors of the family, and are those below.",
         "converged preview": "All scores come from the converged preview (level 0): light was "
         "followed through the diffuser to every facet, but nothing was rendered for this sensor. "
         "Its errors were measured on other sensors of the family, and are those below.",

@@ -68,7 +68,7 @@ def verification_steps(design: Path, scene: Scene, level: str) -> Steps:
             f"tactilux verify {_word(design)}",
         )
     ]
-    if level == "preview":
+    if level in ("preview", "preview of few paths"):
         steps.append(("For more than a few designs, train a model of this sensor:",
                       f"tactilux train {_named(scene)}"))  # fmt: skip
     return steps
@@ -130,6 +130,6 @@ def noise_warning(photon_noise: float | None) -> list[str]:
     if photon_noise is None or photon_noise <= NOISE_LIMIT:
         return []
     return [
-        f"The converged preview's photons leave noise of {photon_noise:.1%} in its colors, more "
+        f"The preview's light paths leave noise of {photon_noise:.1%} in its colors, more "
         f"than {NOISE_LIMIT:.0%}: intervals are wider for it; let renders decide (tactilux verify)."
     ]

@@ -23,6 +23,7 @@ from optimize.scoring.score_gradient import Differentiator
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
 from optimize.scoring.surrogate_model import (
     find_model,
+    first_model,
     is_prompt,
     open_model,
     predict_design,

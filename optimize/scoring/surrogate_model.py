@@ -177,6 +177,18 @@ def open_model(
     return checker
 
 
+def first_model(scene: Scene) -> Checker:
+    """Return what answers while `open_model` takes long: the preview of few light paths.
+
+    Raises:
+        GraphicsError: no OpenGL library can draw the preview.
+    """
+    from surrogate.preview_model import few_paths_checker
+
+    with ProgressBar("Making a first preview") as bar:
+        return few_paths_checker(scene, bar)
+
+
 def search_table(checker: Checker) -> TransportTable:
     """Return the surrogate's transport at the direction nodes that searches interpolate between."""
     return checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))

@@ -11,7 +11,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.preview.converged import NODES, ConvergedTransport
 from render.scene import Scene
-from surrogate.model.lamp_copies import copied, split_channels
+from surrogate.model.lamp_copies import split_channels
 from surrogate.model.preview_grid import FLOOR, PreviewGrid
 
 BEND_DEGREE = 3
@@ -22,26 +22,23 @@ bend; of that of one of its sites, once the lamp's is right; of that of a cell, 
 """
 
 
-def corrected(
-    grid: PreviewGrid, scene: Scene, found: ConvergedTransport, nodes: Array = NODES
-) -> PreviewGrid:
+def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
     """Return the shader's grid times the ratio of converged transport to it.
 
-    At ``nodes`` and the scene's own bends, the light of a lamp, then of each of its sites, then of
+    At `NODES` and the scene's own bends, the light of a lamp, then of each of its sites, then of
     each cell is the `likely_ratio` of what was found to what is expected: the shader's light times
     the ratios before, with `LAMP_ERROR`, `SITE_ERROR` and `CELL_ERROR`. The ratio of a cell is the
     product of the three; where light has no grain it is what was found over the shader's. Its
-    logarithm is interpolated in direction by the polynomial through ``nodes``, in bend by one of
-    degree `BEND_DEGREE` at most, constant beyond the scene's own. Of a lamp that turns one node
-    says how bright it is, not where.
+    logarithm is interpolated in direction by the polynomial through them, in bend by one of
+    degree `BEND_DEGREE` at most, constant beyond the scene's own.
     """
     own = np.array(scene.bending.angles)
-    drawn = np.exp(grid.evaluate(nodes, own))
+    drawn = np.exp(grid.evaluate(NODES, own))
     grain = split_channels(scene, found.grain)[..., None, None]
     light = split_channels(scene, found.cells)
     # Facets of a site share photons: a lamp's light is known as well as that of its sites.
     shared = drawn.shape[-1] * grain
-    share = cells = np.ones_like(grain)
+    cells = np.ones_like(grain)
     for axes, noise, error in (
         ((3, 4), shared, LAMP_ERROR),
         ((4,), shared, SITE_ERROR),
@@ -49,12 +46,8 @@ def corrected(
     ):
         expected = (drawn * cells).sum(axis=axes, keepdims=True)
         cells = cells * likely_ratio(light.sum(axis=axes, keepdims=True), expected, noise, error)
-        share = cells if axes == (3, 4) else share
-    if len(nodes) == 1:
-        turning = copied(scene, np.array(scene.turning))
-        cells[turning] = np.broadcast_to(share, cells.shape)[turning]
     ratio = np.log(np.maximum(cells, FLOOR))
-    in_phi = interpolation_weights(nodes, grid.phi)
+    in_phi = interpolation_weights(NODES, grid.phi)
     degree = min(len(set(own)) - 1, BEND_DEGREE)
     at_own, at_nodes = (
         np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import ModelError
 from render.transport import TransportTable
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata, read_props
+from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
 if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
@@ -19,6 +19,8 @@ if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model m
 
 # Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
 _BATCH = 64
+
+Level = Literal["preview", "preview of few paths", "converged preview", "surrogate"]
 
 
 class Checker:
@@ -95,21 +97,19 @@ class Checker:
         return cls(session, metadata, material, scene.hash, file)
 
     @property
-    def level(self) -> Literal["preview", "converged preview", "surrogate"]:
+    def level(self) -> Level:
         """What answers: a preview alone, or with a residual that was trained on renders."""
         kind = self.metadata.residual["kind"]
-        if kind == PREVIEW:
-            return "preview"
-        return "converged preview" if kind == CONVERGED else "surrogate"
+        return cast(Level, kind) if kind in PREVIEWS else "surrogate"
 
     @property
     def photon_noise(self) -> float | None:
         """Photon noise of facet colors, relative, one standard deviation; None but of level 0.
 
-        The converged preview alone has it; renders that a model was trained on stand for
+        Previews whose light was followed have it; renders that a model was trained on stand for
         themselves.
         """
-        if self.level != CONVERGED:
+        if self.level in ("surrogate", PREVIEW):
             return None
         return float(self.metadata.preview["photon_noise"])
 

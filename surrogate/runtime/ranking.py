@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, ModelMetadata
+from surrogate.runtime.metadata import PREVIEWS, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
@@ -73,7 +73,7 @@ class RankingTest:
         """Return what more effort would bring, as a sentence; empty for a reliable model."""
         if self.reliable:
             return ""
-        if self.level in (PREVIEW, CONVERGED):
+        if self.level in PREVIEWS:
             return (
                 f"The {self.level} ranks designs of such sensors with a Kendall's tau of "
                 f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}: train a model (tactilux train) or let "

@@ -15,7 +15,7 @@ from surrogate.preview_interval import (
     DIFFUSER_FLOOR,
     FLAT_FLOOR,
     NOISE_SHARE,
-    converged_half_width,
+    followed_half_width,
     preview_difference,
 )
 
@@ -60,25 +60,25 @@ def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
 def test_flat_pads_with_a_diffuser_have_a_floor_of_their_own() -> None:
     bent = load_scene("finger20")
     flat = bent.model_copy(update={"bending": bent.bending.model_copy(update={"angles": (0.0,)})})
-    assert converged_half_width(flat, 200.0, 0.0, 0.0) == pytest.approx(200.0 * DIFFUSER_FLOOR)
+    assert followed_half_width(flat, 200.0, 0.0, 0.0) == pytest.approx(200.0 * DIFFUSER_FLOOR)
 
 
 def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference(scene: Scene) -> None:
     floor = {"finger20": BENT_FLOOR, "digit": FLAT_FLOOR}[scene.name]
-    assert converged_half_width(scene, 200.0, 0.0, 0.0) == pytest.approx(200.0 * floor)
+    assert followed_half_width(scene, 200.0, 0.0, 0.0) == pytest.approx(200.0 * floor)
     far = 1e6
-    found = converged_half_width(scene, 200.0, far, 0.0)
+    found = followed_half_width(scene, 200.0, far, 0.0)
     assert found == pytest.approx(far * DIFFERENCE_SHARE, rel=1e-6)
-    widths = [converged_half_width(scene, 200.0, difference, 0.0) for difference in (0, 1, 10, 100)]
+    widths = [followed_half_width(scene, 200.0, difference, 0.0) for difference in (0, 1, 10, 100)]
     assert widths == sorted(set(widths))
 
 
 def test_photon_noise_above_its_limit_widens_the_interval_and_never_narrows_it(
     scene: Scene,
 ) -> None:
-    quiet = converged_half_width(scene, 200.0, 10.0, 0.0)
-    assert converged_half_width(scene, 200.0, 10.0, NOISE_LIMIT) == quiet
-    noisy = [converged_half_width(scene, 200.0, 10.0, noise) for noise in (0.031, 0.04, 0.1)]
+    quiet = followed_half_width(scene, 200.0, 10.0, 0.0)
+    assert followed_half_width(scene, 200.0, 10.0, NOISE_LIMIT) == quiet
+    noisy = [followed_half_width(scene, 200.0, 10.0, noise) for noise in (0.031, 0.04, 0.1)]
     assert [quiet, *noisy] == sorted({quiet, *noisy})
-    far = converged_half_width(scene, 200.0, 10.0, 10.0)
+    far = followed_half_width(scene, 200.0, 10.0, 10.0)
     assert far == pytest.approx(10.0 * NOISE_SHARE * 200.0, rel=1e-3)

@@ -12,14 +12,13 @@ from render.chebyshev import chebyshev_nodes
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
 from render.preview.converged import (
-    AHEAD,
     NODES,
     ConvergedTransport,
     Effort,
     cache,
+    few_paths_transport,
     is_kept,
     task_count,
-    transport_ahead,
 )
 from render.progress import Progress
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -31,18 +30,19 @@ from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.preview_interval import (
     DRAWN_FRACTION,
     Scores,
-    converged_half_width,
+    followed_half_width,
     preview_difference,
 )
 from surrogate.preview_model import (
     PHI_NODES,
     PreviewSession,
     corrected,
+    few_paths_checker,
     preview_checker,
 )
 from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
-from tests.oracles.pads import content_of_case, scene_of_case
+from tests.oracles.pads import content_of_case
 from tests.surrogate.conftest import small_scene
 
 
@@ -196,28 +196,12 @@ def test_a_lamp_s_light_is_known_where_its_cells_are_lost_in_noise(sensor: Scene
     assert light.std() < 0.3
 
 
-def test_of_a_lamp_that_turns_one_node_says_how_bright_it_is() -> None:
-    scene, flat = scene_of_case("rows of their own"), np.zeros(1)
-    assert scene.turning == (True, False)
-    drawn = shader_grid([0.3])
-    grid = PreviewGrid(drawn.log_transport[:, :, :1], drawn.phi, flat, 0)
-    before = np.exp(grid.evaluate(AHEAD, flat))
-    cells = before * np.random.default_rng(5).uniform(1.0, 3.0, before.shape)
-    better = corrected(grid, scene, found(cells, 0.0), AHEAD)
-    ratio = np.exp(better.log_transport - grid.log_transport)
-    # The same in all directions: of one lamp as a whole, of the other cell by cell.
-    np.testing.assert_allclose(ratio, np.broadcast_to(ratio[:, :1], ratio.shape))
-    np.testing.assert_allclose(ratio[0], cells[0].sum() / before[0].sum())
-    np.testing.assert_allclose(ratio[1, 0], (cells / before)[1, 0])
-
-
 @pytest.mark.slow
 def test_under_a_window_the_coarse_preview_has_the_light_that_is_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    few = Effort(paths=1024, arrivals=2_000_000)
-    monkeypatch.setattr(cache, "AHEAD_EFFORT", few)
+    monkeypatch.setattr(cache, "FEW_PATHS", Effort(paths=1024, arrivals=2_000_000, rounds=1))
     content = content_of_case("window lit at its edges")
     content["baseline"]["tip"] = "green"
     for row in content["rows"]:
@@ -225,12 +209,13 @@ def test_under_a_window_the_coarse_preview_has_the_light_that_is_followed(
     content["window"]["index"]["value"] = 1.6
     scene = Scene.model_validate(content)
     said = preview_checker(scene, coarse=True)
-    assert said.level == "preview"
+    assert said.level == "preview of few paths"
     phi, dim = np.full((3, 3), np.pi / 2), 0.3 * np.eye(3)[:, :, None] * [1.0, 0.0, 0.0]
     seen = said.run(phi, dim, np.zeros(1))["counts"][..., 0].sum(axis=(1, 2, 3))
-    followed = 0.3 * said.exposure * transport_ahead(scene).cells[..., :-1].sum(axis=(1, 2, 3, 4))
+    light = few_paths_transport(scene).cells[:, len(NODES) // 2, ..., :-1].sum(axis=(1, 2, 3))
+    followed = 0.3 * said.exposure * light
     with Preview(scene) as preview:
-        drawn = preview.transport(AHEAD, np.zeros(1))[0].sum(axis=(1, 2, 3, 4))
+        drawn = preview.transport(np.array([np.pi / 2]), np.zeros(1))[0].sum(axis=(1, 2, 3, 4))
     np.testing.assert_allclose(seen, followed, rtol=0.1)
     assert (
         np.abs(0.3 * said.exposure * drawn / followed - 1.0) > np.abs(seen / followed - 1.0)
@@ -263,16 +248,27 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     assert checker.level == "converged preview"
     assert checker.photon_noise == whole.noise.max() > 0.0
     assert preview_checker(scene, coarse=True).photon_noise is None
+    monkeypatch.setattr(
+        cache, "FEW_PATHS", Effort(photons=500, paths=128, arrivals=10_000, rounds=1)
+    )
+    first = few_paths_checker(scene)
+    assert first.level == "preview of few paths"
+    assert first.photon_noise is not None
+    assert first.photon_noise > checker.photon_noise
     # As wide as the two previews are apart.
     drawn, phi = preview_checker(scene, coarse=True), np.full((1, scene.lamp_count), np.pi / 2)
     power, bends = baseline_power(scene)[None], np.array(scene.bending.angles)
-    mean = drawn.score_half_width / DRAWN_FRACTION
-    found = drawn.run(phi, power, bends)["metric"]
-    assert mean == pytest.approx(float(design_score(found).mean[0]), rel=1e-5)
+
+    def mean(model: Checker) -> float:
+        return float(design_score(model.run(phi, power, bends)["metric"]).mean[0])
+
+    assert drawn.score_half_width == pytest.approx(DRAWN_FRACTION * mean(drawn), rel=1e-5)
 
     def scores(model: Checker) -> Scores:
         return lambda phi, power: model.run(phi, power, bends)["score"].astype(np.float64)
 
-    difference = preview_difference(scene, scores(drawn), scores(checker))
-    expected = converged_half_width(scene, mean, difference, checker.photon_noise or 0.0)
-    assert checker.score_half_width == pytest.approx(expected, rel=1e-3)
+    for followed in (first, checker):
+        difference = preview_difference(scene, scores(drawn), scores(followed))
+        noise = followed.photon_noise or 0.0
+        expected = followed_half_width(scene, mean(followed), difference, noise)
+        assert followed.score_half_width == pytest.approx(expected, rel=1e-3)

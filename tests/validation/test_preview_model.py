@@ -25,13 +25,19 @@ from scipy.stats import kendalltau
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites
 from render.metric import clip_counts, design_score, site_metric
+from render.preview.converged import can_converge
 from render.reference import render_transport
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene, load_scene
-from surrogate.preview_interval import COVERAGE, converged_half_width, preview_difference
-from surrogate.preview_model import COARSE_ERRORS, CONVERGED_ERRORS, preview_checker
+from surrogate.preview_interval import COVERAGE
+from surrogate.preview_model import (
+    COARSE_ERRORS,
+    CONVERGED_ERRORS,
+    FEW_PATHS_ERRORS,
+    few_paths_checker,
+    preview_checker,
+)
 from surrogate.runtime import Checker
-from surrogate.runtime.metadata import PREVIEW
 from surrogate.training.evaluation import random_colors
 from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene
@@ -47,6 +53,7 @@ DESIGNS = 200
 NOISE_DRAWS = 16
 DIM = 1e-3
 """Power at which no facet saturates."""
+SPREADS = {one.kind: one.color_spread for one in (COARSE_ERRORS, FEW_PATHS_ERRORS)}
 NORMAL = 1.645
 """Normal errors of deviation 1 are within this as often as `COVERAGE` says."""
 
@@ -167,7 +174,7 @@ def measured(
     scene: Scene, samples: int, photons: int = 0, keep: Path | None = None,
     models: Path | None = None,
 ) -> list[tuple[Errors, ScoreErrors]]:  # fmt: skip
-    """Return the errors of the coarse and of the converged preview of ``scene``, and of its model.
+    """Return the errors of each preview of ``scene``, and of its model.
 
     Against ``photons`` a lamp, direction and bend, or if none renders with ``samples`` per cell.
     The last are left out where ``models`` has none of its name.
@@ -184,32 +191,21 @@ def measured(
         truth = Truth(cells.T, cells.se)
     if file is not None:
         write_npz(file, truth._asdict())
-    coarse, converged = (preview_checker(scene, coarse=coarse) for coarse in (True, False))
-    bends = np.array(scene.bending.angles)
-    difference = preview_difference(
-        scene,
-        lambda phi, power: coarse.run(phi, power, bends)["score"].astype(np.float64),
-        lambda phi, power: converged.run(phi, power, bends)["score"].astype(np.float64),
-    )
-    metric = coarse.run(
-        np.full((1, scene.lamp_count), np.pi / 2), baseline_power(scene)[None], bends
-    )["metric"]
-    mean = float(design_score(metric).mean[0])
-    noise = converged.photon_noise or 0.0
-    stated = converged_half_width(scene, mean, difference, noise) / mean
-    found = [
-        _measured(scene, phi, truth, coarse, mean, coarse.score_half_width / mean),
-        _measured(scene, phi, truth, converged, mean, stated),
-    ]
+    previews = [preview_checker(scene, coarse=True)]
+    if can_converge(scene):
+        previews += few_paths_checker(scene), preview_checker(scene)
+    straight = np.full((1, scene.lamp_count), np.pi / 2)
+    metric = previews[-1].run(straight, baseline_power(scene)[None], np.array(scene.state_axis))
+    mean = float(design_score(metric["metric"]).mean[0])
+    found = [_measured(scene, phi, truth, one, mean) for one in previews]
     if models is not None and (models / scene.name / "checker.onnx").is_file():
         trained = Checker.for_scene(models / scene.name, scene)
-        half_width = trained.score_half_width / mean
-        found.append(_measured(scene, phi, truth, trained, mean, half_width))
+        found.append(_measured(scene, phi, truth, trained, mean))
     return found
 
 
 def _measured(
-    scene: Scene, phi: np.ndarray, found: Truth, checker: Checker, mean: float, scale: float
+    scene: Scene, phi: np.ndarray, found: Truth, checker: Checker, mean: float
 ) -> tuple[Errors, ScoreErrors]:
     rng = np.random.default_rng(6)
     settings = scene_scale(scene)
@@ -254,12 +250,12 @@ def _measured(
         "dfbsk,dfc->dbskc", noise[np.arange(fibers), choice] ** 2, power**2, optimize=True
     )
     channels = counts(drawn)
-    spread = (COARSE_ERRORS if checker.level == PREVIEW else CONVERGED_ERRORS).color_spread
+    spread = SPREADS.get(checker.level, CONVERGED_ERRORS.color_spread)
     color_half = np.hypot(
         checker.counts_factor * spread * channels, NORMAL * settings.exposure * np.sqrt(variance)
     )
     lit = channels > 1.0
-    ours = ScoreErrors(error / mean, random / mean, scale)
+    ours = ScoreErrors(error / mean, random / mean, half_width / mean)
     return Errors(
         light=float(drawn[seen].sum() / truth[seen].sum()),
         color=off(drawn, truth),
@@ -286,11 +282,11 @@ def test_intervals_hold_as_often_as_they_state_whatever_the_noise() -> None:
 
 
 def test_the_preview_ranks_designs_and_its_intervals_hold() -> None:
-    coarse, converged = zip(
+    coarse, few_paths, converged = zip(
         *([errors for errors, _ in measured(sensor(name), SAMPLES, PHOTONS)] for name in SENSORS),
         strict=True,
     )
-    for found in (coarse, converged):
+    for found in (coarse, few_paths, converged):
         assert np.mean([errors.covered for errors in found]) > COVERAGE - 0.05
         assert np.mean([errors.tau - errors.noise_tau for errors in found]) > -0.15
     assert np.mean([errors.color - errors.color_noise for errors in converged]) < 0.02
@@ -311,7 +307,7 @@ def main() -> None:
         "colors",
     )  # fmt: skip
     print("".join(f"{title:>9}" for title in titles))
-    calibrating: list[list[ScoreErrors]] = [[], []]
+    calibrating: list[list[ScoreErrors]] = [[], [], []]
     for name in asked.sensors:
         found = measured(sensor(name), asked.samples, asked.photons, asked.keep, asked.models)
         for i, (errors, ours) in enumerate(found):
@@ -321,7 +317,7 @@ def main() -> None:
                 calibrating[i].append(ours)
     if len(asked.sensors) < 2:
         return
-    for title, kind in zip(("as drawn", "converged"), calibrating, strict=True):
+    for title, kind in zip(("as drawn", "few paths", "converged"), calibrating, strict=True):
         held = " ".join(f"{one:.2f}" for one in left_out(kind))
         print(
             f"{title}: stated intervals times {calibrated(kind):.2f}; "

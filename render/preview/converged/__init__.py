@@ -5,12 +5,11 @@ is followed by compiled paths until it is absorbed; tens of seconds instead of o
 """
 
 from render.preview.converged.cache import (
-    AHEAD,
     NODES,
     can_converge,
     converged_transport,
+    few_paths_transport,
     is_kept,
     refinements,
-    transport_ahead,
 )
 from render.preview.converged.transport import ConvergedTransport, Effort, task_count, transport_at

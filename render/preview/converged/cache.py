@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_or_drop, write_npz
 from render.preview.converged.transport import (
@@ -31,9 +30,8 @@ PHI_NODES = 13
 NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
 EFFORT = Effort()
 """What is kept, and looked for."""
-AHEAD = np.array([np.pi / 2])
-AHEAD_EFFORT = Effort(paths=8192, arrivals=6_000_000, rounds=1)
-"""Direction and paths of `transport_ahead`."""
+FEW_PATHS = Effort(photons=25_000, paths=4096, arrivals=6_000_000, rounds=1)
+"""Paths of `few_paths_transport`."""
 
 
 def can_converge(scene: Scene) -> bool:
@@ -45,10 +43,9 @@ def converged_transport(
     scene: Scene,
     progress: OnProgress | None = None,
     *,
-    phi: Array = NODES,
     effort: Effort | None = None,
 ) -> ConvergedTransport:
-    """Return transport at nodes and the scene's own bends, which are one more axis.
+    """Return transport at `NODES` and the scene's own bends, which are one more axis.
 
     ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``, ``noise``
     ``(bend,)``; the same bits for any number of threads.
@@ -56,13 +53,17 @@ def converged_transport(
     Arguments:
         scene: the sensor.
         progress: is told of every lamp and facet.
-        phi: ``(node,)`` rad, Chebyshev's on [0, pi], or its middle alone.
         effort: how many paths (default: `EFFORT`).
     """
     effort = effort or EFFORT
     bends = scene.bending.angles
     clock = Clock(len(bends) * task_count(scene, effort), progress)
-    return _over_bends([_run(scene, bend, phi, effort, clock) for bend in bends])
+    return _over_bends([_run(scene, bend, effort, clock) for bend in bends])
+
+
+def few_paths_transport(scene: Scene, progress: OnProgress | None = None) -> ConvergedTransport:
+    """Return what `converged_transport` does, of `FEW_PATHS`: noisier, in a quarter of the time."""
+    return converged_transport(scene, progress, effort=FEW_PATHS)
 
 
 def refinements(
@@ -81,7 +82,7 @@ def refinements(
     """
     bends, cost = scene.bending.angles, task_count(scene, EFFORT)
     clock = Clock(len(bends) * cost, progress)
-    runs = [[_run(scene, bend, NODES, EFFORT, clock)] for bend in bends]
+    runs = [[_run(scene, bend, EFFORT, clock)] for bend in bends]
     while True:
         means = [_mean_of_runs(each) for each in runs]
         yield _over_bends(means)
@@ -89,19 +90,19 @@ def refinements(
         if means[noisiest].noise <= goal:
             return
         again, clock = runs[noisiest], Clock(cost, progress)
-        again.append(_run(scene, bends[noisiest], NODES, EFFORT, clock, seed=len(again)))
+        again.append(_run(scene, bends[noisiest], EFFORT, clock, seed=len(again)))
 
 
 def _run(
-    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int = 0
+    scene: Scene, bend: float, effort: Effort, clock: Clock, seed: int = 0
 ) -> ConvergedTransport:
     """Return transport at one bend, kept or followed now."""
-    file = _file(scene, bend, phi, effort, seed)
+    file = _file(scene, bend, effort, seed)
     kept = read_or_drop(file, *ConvergedTransport._fields)
     if kept is not None:
         clock.skip(task_count(scene, effort))
         return ConvergedTransport(**kept)
-    found = transport_at(scene, bend, phi, effort, clock, seed)
+    found = transport_at(scene, bend, NODES, effort, clock, seed)
     try:
         write_npz(file, found._asdict())
     except OSError as error:
@@ -121,20 +122,12 @@ def _mean_of_runs(runs: list[ConvergedTransport]) -> ConvergedTransport:
     return ConvergedTransport(cells, grain / len(runs), np.array(noise))
 
 
-def transport_ahead(scene: Scene) -> ConvergedTransport:
-    """Return converged transport of few paths at the one node `AHEAD`, for a first answer.
-
-    As `converged_transport`, in a third of the time; kept as well.
-    """
-    return converged_transport(scene, phi=AHEAD, effort=AHEAD_EFFORT)
-
-
 def is_kept(scene: Scene) -> bool:
     """Return whether the cache holds converged transport of ``scene`` at all of its bends."""
-    return all(_file(scene, bend, NODES, EFFORT).is_file() for bend in scene.bending.angles)
+    return all(_file(scene, bend, EFFORT).is_file() for bend in scene.bending.angles)
 
 
-def _file(scene: Scene, bend: float, phi: Array, effort: Effort, seed: int = 0) -> Path:
-    about = f"{VERSION} {scene.hash} {len(phi)} {bend!r} {astuple(effort)}"
+def _file(scene: Scene, bend: float, effort: Effort, seed: int = 0) -> Path:
+    about = f"{VERSION} {scene.hash} {PHI_NODES} {bend!r} {astuple(effort)}"
     about += f" {seed}" if seed else ""
     return cache_folder() / f"converged-{hashlib.sha256(about.encode()).hexdigest()[:16]}.npz"

@@ -160,8 +160,8 @@ def test_the_scale_is_that_of_light_that_is_followed_through_the_window(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    few = Effort(paths=1024, arrivals=300_000)
-    monkeypatch.setattr("render.preview.converged.cache.AHEAD_EFFORT", few)
+    few = Effort(paths=1024, arrivals=300_000, rounds=1)
+    monkeypatch.setattr("render.preview.converged.cache.FEW_PATHS", few)
 
     def scale(index: float) -> ScoreScale:
         content = content_of_case("window lit at its edges")
