@@ -52,16 +52,17 @@ $(VALIDATIONS): export OMP_NUM_THREADS = 1
 $(VALIDATIONS): $(FULL)
 	$(BIN)/python -m pytest tests/validation/$@.py
 
-# Each file's words stay in a folder, and its test does not run again until a source changes: hours
-# that are stopped go on. The dearest comes first, so that no core waits for it in the end.
+# Each file's words stay in a folder, and so does the list of its tests that passed: none of them
+# runs again until a source changes, and hours that are stopped go on. The dearest comes first, so
+# that no core waits for it in the end.
 LONG := build/validation-long
 DEAREST := $(LONG)/test_clear_pads.txt
 LONG_RUNS := $(DEAREST) \
 	$(filter-out $(DEAREST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
 CODE := $(shell git ls-files '*.py' '*.toml' '*.glsl' '*.npz' '*.onnx')
 NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py)
-KEPT = set -o pipefail; mkdir -p $(LONG); $(BIN)/python -m pytest --capture no $(1) 2>&1 \
-	| tee $@.part; mv $@.part $@
+KEPT = set -o pipefail; $(BIN)/python -m pytest --capture no --passed $(@:.txt=.passed) $(1) 2>&1 \
+	| tee --append $@.part; mv $@.part $@
 
 validation-long: export TACTILUX_LONG = 1
 validation-long: $(FULL) ## More samples and more cases (hours), goes on where it stopped
@@ -71,11 +72,15 @@ validation-long: $(FULL) ## More samples and more cases (hours), goes on where i
 $(LONG_RUNS): SHELL := /bin/bash -e
 $(LONG_RUNS): export OMP_NUM_THREADS = 1
 $(LONG_RUNS): export TACTILUX_LONG = 1
-$(LONG)/nights.txt: $(NIGHTS) $(CODE) $(FULL)
+$(LONG)/nights.txt: $(LONG)/nights.passed
 	$(call KEPT,$(NIGHTS))
 
-$(LONG)/%.txt: tests/validation/%.py $(CODE) $(FULL)
-	$(call KEPT,$<)
+$(LONG)/%.txt: $(LONG)/%.passed
+	$(call KEPT,tests/validation/$*.py)
+
+.PRECIOUS: $(LONG)/%.passed
+$(LONG)/%.passed: $(CODE) $(FULL)
+	@mkdir -p $(LONG); rm -f $(@:.passed=.txt.part); : > $@
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks

@@ -16,6 +16,8 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
+pytest_plugins = ["tests.passed"]
+
 # Two busy cores make any deadline a lottery, and a red build must be reproducible.
 settings.register_profile("tactilux", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("tactilux")
