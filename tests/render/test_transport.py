@@ -134,7 +134,7 @@ def test_lam_must_not_be_negative(lam: float) -> None:
 
 def test_the_level_must_be_known() -> None:
     with pytest.raises(
-        TableError, match="allowed: preview, converged preview, surrogate, reference"
+        TableError, match="allowed: preview, preview of few paths, converged preview"
     ):
         replace(example(), level="guess")
 

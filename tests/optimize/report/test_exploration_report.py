@@ -222,6 +222,6 @@ def test_colors_that_stay_noisy_are_a_warning(sample_stages: StageMaker) -> None
     stages = sample_stages(30, 90, 150)
     quiet, noisy = (of_converged_preview(stages, noise) for noise in (0.029, 0.043))
     assert warnings(quiet, RELIABLE) == warnings(stages, RELIABLE)
-    (said,) = (text for text in warnings(noisy, RELIABLE) if "photons" in text)
+    (said,) = (text for text in warnings(noisy, RELIABLE) if "light paths" in text)
     assert "4.3%" in said
     assert "tactilux verify" in said
