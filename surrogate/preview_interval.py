@@ -12,7 +12,7 @@ which the floors hold it. The drawn preview has a fraction of M alone.
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
 same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
 through (``python -m tests.validation.test_preview_model``; tests/validation/RESULTS.md says on how
-few sensors they rest). These sensors had photon noise of 1 to 5 % of a color.
+few sensors they rest). Their previews had photon noise of 1 to 15 % of a color.
 """
 
 from __future__ import annotations

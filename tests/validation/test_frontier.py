@@ -30,8 +30,8 @@ SMALLER = {
     "value = [0.0, 45.0, 90.0]": "value = [0.0, 45.0]",
 }
 LEVELS = [
-    "preview", "converged preview", "few renders", "table of few renders", "checker.onnx",
-    "checker.onnx, batches of 64", "bidirectional, MIS, 1 samples",
+    "preview", "preview of few paths", "converged preview", "few renders", "table of few renders",
+    "checker.onnx", "checker.onnx, batches of 64", "bidirectional, MIS, 1 samples",
     "bidirectional, MIS, 4 samples",
     "PSSMLT, 4 samples", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",
 ]  # fmt: skip
@@ -141,8 +141,8 @@ def test_several_scenes_make_one_table_and_a_scene_that_is_finished_is_taken_as_
     result = json.loads(out)
     assert {scene["scene"] for scene in result["scenes"]} == {"small3", "other"}
     assert [rung["rung"] for rung in result["rungs"]] == [
-        "preview", "converged preview", "few renders", "table of few renders", "checker.onnx",
-        "1/32 of the reference", "1/8 of the reference",
+        "preview", "preview of few paths", "converged preview", "few renders",
+        "table of few renders", "checker.onnx", "1/32 of the reference", "1/8 of the reference",
     ]  # fmt: skip
     assert all(rung["scenes"] == 2 for rung in result["rungs"])
     assert (sensor / "survey" / "frontier.png").read_bytes()[:4] == b"\x89PNG"
