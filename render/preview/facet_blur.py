@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -54,7 +55,8 @@ def facet_blur(scene: Scene, bend: float) -> Array:
     return blur
 
 
-def facet_blurs(scene: Scene, bend: float) -> list[Array]:
+@lru_cache(maxsize=64)
+def facet_blurs(scene: Scene, bend: float) -> tuple[Array, ...]:
     """Return camera radiance per irradiance on the coating, ``(site, facet + 1, 2 facet + 1)``.
 
     One for each of the scene's `albedos`.
@@ -76,10 +78,14 @@ def facet_blurs(scene: Scene, bend: float) -> list[Array]:
         seen = np.bincount(lines.seen.ravel(), near.ravel(), minlength=2 * faces)
         weights[index, target] = [*seen, np.sum(lines.weight - near)]
         weights[index, target] /= lines.weight.size
-    return [
+    blurs = tuple(
         weights * one.coating.reflectance / (np.pi * scene.pad.index**2)
         for one in scene.one_albedo_scenes
-    ]
+    )
+    for blur in blurs:
+        # Every preview of the scene has these.
+        blur.flags.writeable = False
+    return blurs
 
 
 def lines_of_sight(scene: Scene, bend: float, count: int = SIGHTS) -> Array:

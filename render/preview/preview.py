@@ -107,7 +107,6 @@ class Preview:
         self._views: dict[tuple[float, tuple[int, int], bool], PictureView] = {}
         self._lit: dict[float, LightTable] = {}
         self._radiosity: dict[float, list[Radiosity]] = {}
-        self._blurs: dict[float, list[Array]] = {}
         self._seen_points: dict[float, Points] = {}
         self._tables: dict[float, Array] = {}
         self._passes: ShaderPasses | None = ShaderPasses(
@@ -215,7 +214,7 @@ class Preview:
         lit = zip(
             self.scene.one_albedo_scenes,
             self._radiosity_at(bend),
-            self._blurs_at(bend),
+            facet_blurs(self._seen_in, bend),
             strict=True,
         )
         cells = [
@@ -437,9 +436,3 @@ class Preview:
             sights[points.sites * faces : points.first_patch][self._counted] = mean[:, -1]
             self._seen_points[bend] = self._open.seen_from(sights)
         return self._seen_points[bend]
-
-    def _blurs_at(self, bend: float) -> list[Array]:
-        """Return `facet_blurs` at a bend, made when first asked for; pictures need none."""
-        if bend not in self._blurs:
-            self._blurs[bend] = facet_blurs(self._seen_in, bend)
-        return self._blurs[bend]

@@ -10,6 +10,8 @@ numbers of its own, whose noise the fit averages. Leaving out each material in t
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,11 +77,17 @@ def draw_grid(
         TableError: when the preview is black or not finite.
     """
     from render.preview import Preview
+    from render.preview.facet_blur import facet_blurs
 
     phi, bends = grid_nodes(scene, phi_count, bend_count)
     drawn, clock = [], Clock(len(bends), progress)
-    with Preview(scene) as preview:
-        for bend in bends:
+    with Preview(scene) as preview, ThreadPoolExecutor(os.cpu_count()) as pool:
+        # What the camera mixes takes most of the time on pads that bend: all cores make it ahead.
+        ahead = [] if scene.states or len(bends) == 1 else list(bends)
+        mixed = [pool.submit(facet_blurs, scene, float(bend)) for bend in ahead]
+        for number, bend in enumerate(bends):
+            if mixed:
+                mixed[number].result()
             drawn.append(preview.transport(phi, bend[None]))
             clock.tick()
     transport, background = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
