@@ -27,12 +27,12 @@ from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.preview_model import few_paths_checker, preview_checker
 from surrogate.runtime import Checker
+from surrogate.runtime.metadata import CONVERGED, FEW_PATHS, PREVIEW
 
 if TYPE_CHECKING:  # torch comes with it
     from surrogate.train import TrainConfig
 
 SETUP, CACHE, FEW, TABLE_FILE = "setup.json", "cache", "few", "reference.npz"
-PREVIEW, FEW_PATHS, CONVERGED = "preview", "preview of few paths", "converged preview"
 FEW_RENDERS = "few renders"
 SHIPPED, TABLE = "checker.onnx", "table of few renders"
 SCALE_TOLERANCE = 1e-3
