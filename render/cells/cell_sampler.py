@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
+from render.cells.arriving_light import ArrivingLight
 from render.cells.bent_images import BentImages
 from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
@@ -65,6 +66,8 @@ NODES = 8
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
 AIMED_MAX, AIMED_MIN = 0.8, 0.1
 """What of the guided directions is aimed at the lamp itself, on clear pads and on milky ones."""
+AIMED_LEARNED = 0.3
+"""The same where the others go by what photons say, at most."""
 
 
 def diffuser_depth(scene: Scene) -> float:
@@ -184,6 +187,10 @@ class PadSampler:
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
+        self.arriving: ArrivingLight | None = None
+        if self.aim and self.mirror.curved and mirrors[LOWER]:
+            self.arriving = ArrivingLight(self.pad, self.light, scene.lamp_count)
+            aimed = min(aimed, AIMED_LEARNED)
         self.aimed_fraction = dr.opaque(mi.Float, aimed)
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
         self.stride = CAMERA_STRIDE
@@ -192,7 +199,7 @@ class PadSampler:
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
-        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction)
+        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction, self.arriving)
 
     def lamp(self, fiber: mi.UInt32) -> Lamp | None:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""

@@ -5,6 +5,9 @@ straight line or mirrored in the lower face by total internal reflection. A cosi
 direction rarely finds that spot, so half of the directions at the facet are aimed at it: at a
 point of the diffuser's inner face, or of its mirror image below the pad. The mixture density
 enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
+
+On bent pads with smooth faces directions are drawn from what photons say instead
+(``render.cells.arriving_light``).
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.cells.arriving_light import ArrivingLight
 from render.cells.lamp_aim import LampAim
 from render.geometry import fiber_poses, flat_fiber_poses
 from render.paths.vertex import Vertex
@@ -71,13 +75,15 @@ class FiberGlow:
 class FacetGuiding:
     """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet.
 
-    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself.
+    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself. The others go where
+    its light arrives from, if that is known, instead of the glow.
     """
 
     glow: FiberGlow
     fiber: mi.UInt32
     aim: LampAim | None = None
     aimed: mi.Float | None = None
+    arriving: ArrivingLight | None = None
 
     @property
     def fraction(self) -> float:
@@ -99,16 +105,23 @@ class FacetGuiding:
 
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
-        glow = self.glow.sample(self.fiber, v.p, x, y)
         if self.aim is None or self.aimed is None:
-            return glow
-        pick = number / (self.fraction * self.aimed)
-        aimed = self.aim.sample(self.fiber, v.p, pick, x, y)
-        return dr.select(pick < 1.0, aimed, glow)
+            return self.glow.sample(self.fiber, v.p, x, y)
+        part = number / self.fraction
+        aimed = self.aim.sample(self.fiber, v.p, part / self.aimed, x, y)
+        if self.arriving is None:
+            other = self.glow.sample(self.fiber, v.p, x, y)
+        else:
+            rest = dr.maximum(part - self.aimed, 0.0) / (1.0 - self.aimed)
+            other = self.arriving.sample(self.fiber, v, rest, x, y)
+        return dr.select(part < self.aimed, aimed, other)
 
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
-        guided = self.glow.density(self.fiber, v.p, direction)
+        if self.arriving is None:
+            guided = self.glow.density(self.fiber, v.p, direction)
+        else:
+            guided = self.arriving.density(self.fiber, v, direction)
         if self.aim is not None and self.aimed is not None:
             aimed = self.aim.density(self.fiber, v.p, direction)
             guided = (1.0 - self.aimed) * guided + self.aimed * aimed
