@@ -173,9 +173,13 @@ def frame_about(beam: Floats) -> Floats:
 
 
 def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
-    """Return lamp ``number`` of rows and lists; rows are one to an edge here, in their order."""
+    """Return lamp ``number`` of rows and lists; rows are one to an edge here.
+
+    They are numbered around the pad, wherever they stand in the file.
+    """
     x, y = scene.pad.width / 2, scene.pad.length / 2
-    for row in scene.rows or ():
+    around = ("left", "tip", "right", "base")
+    for row in sorted(scene.rows or (), key=lambda row: around.index(row.edge)):
         size = len(row.at) if row.at is not None else row.count or 0
         if number >= size:
             number -= size

@@ -13,6 +13,7 @@ from render.geometry import (
 )
 from render.scene import Scene, load_scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
+from tests.oracles.pads import scene_of_case
 from tests.oracles.quadrature import facet_radiance, irradiance
 
 pytestmark = pytest.mark.slow
@@ -29,6 +30,15 @@ def without_faces(albedo: float) -> Scene:
             "sites": scene.sites.model_copy(update={"columns": 2, "rows": 1, "spacing": 6.0}),
         }
     )
+
+
+@pytest.mark.parametrize("case", ["base beside a rim", "rows of their own", "below"])
+def test_lamps_are_numbered_around_the_pad(case: str) -> None:
+    scene = scene_of_case(case)
+    poses = fiber_poses(scene, 0.0)
+    for fiber in range(scene.lamp_count):
+        lamp = analog_lamp(scene, fiber, np.pi / 2)
+        np.testing.assert_allclose(lamp.center, poses.position[fiber], atol=1e-12)
 
 
 def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:

@@ -20,11 +20,14 @@ from render.reference import render_transport
 from render.scene import Scene
 from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene
+from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import scene_of_case
 
 PHI = 1.2
 REPLICATES = 8
-PADS = ("rim rough 0.1", "smooth") + (("rim", "rough 0.03", "half below") if LONG else ())
+PADS = ("rim rough 0.1", "smooth", "smooth bent 45")
+if LONG:
+    PADS += ("rim", "rough 0.03", "half below")
 SEEDS = 20 if LONG else 6
 PHOTONS = 32_000_000 if LONG else 2_000_000
 ERROR = 0.1
@@ -74,8 +77,9 @@ def coverage(T: np.ndarray, se: np.ndarray, oracle: np.ndarray) -> Coverage:
 def samples_for(scene: Scene, pilot: int = 200) -> int:
     """Return samples per cell at which facets are known to about ``ERROR``."""
     estimate = render_transport(
-        scene, np.array([PHI]), np.array([0.0]), samples=pilot, replicates=REPLICATES
-    )
+        scene, np.array([PHI]), np.array(scene.bending.angles[:1]), samples=pilot,
+        replicates=REPLICATES,
+    )  # fmt: skip
     relative = np.nanmedian(estimate.se / estimate.T)
     return max(8, math.ceil(pilot * (relative / ERROR) ** 2))
 
@@ -83,21 +87,21 @@ def samples_for(scene: Scene, pilot: int = 200) -> int:
 def measured(case: str, seeds: int, photons: int) -> dict[str, Coverage]:
     """Return the coverage of facets and of sites of a case, over ``seeds`` runs."""
     scene = scene_of_case(case)
-    samples = samples_for(scene)
+    bend, samples = scene.bending.angles[0], samples_for(scene)
     runs = [
         render_transport(
-            scene, np.array([PHI]), np.array([0.0]), samples=samples, seeds=(seed,),
+            scene, np.array([PHI]), np.array([bend]), samples=samples, seeds=(seed,),
             replicates=REPLICATES,
         )
         for seed in range(100, 100 + seeds)
     ]  # fmt: skip
     found = {}
     for name in ("facets", "sites"):
-        analog = AnalogScene(scene, indented=name == "facets")
+        pressed = name == "facets"
+        analog = BentScene(scene, bend, pressed) if bend else AnalogScene(scene, pressed)
         oracle = np.concatenate(
             [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
         )
-        pressed = name == "facets"
         T = np.stack([(run.T if pressed else run.background).ravel() for run in runs])
         se = np.stack([(run.se if pressed else run.background_se).ravel() for run in runs])
         found[name] = coverage(T, se, oracle)

@@ -37,7 +37,7 @@ LEAST_SHARE = 0.5
 FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
-    "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
+    "row nearer than wide", "smooth bent 45", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
     "cast into a rim rough 0.1", "mixed 5", "mixed 20",
 )  # fmt: skip
 DRAWN = tuple(f"{kind} {number}" for kind in ("random", "mixed") for number in range(24))
