@@ -35,8 +35,12 @@ if TYPE_CHECKING:  # torch comes with it
 SETUP, CACHE, FEW, TABLE_FILE = "setup.json", "cache", "few", "reference.npz"
 FEW_RENDERS = "few renders"
 SHIPPED, TABLE = "checker.onnx", "table of few renders"
-SCALE_TOLERANCE = 1e-3
-"""Relative difference of exposure or lambda from which scores are on another scale."""
+SCALE_TOLERANCE = 1e-2
+"""Relative difference of exposure or lambda from which scores are on another scale.
+
+A model keeps that of the preview it was trained on. A later preview may move lambda by half a
+percent, and a score by half of that.
+"""
 
 
 @dataclass(frozen=True)
