@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 GROUPS = {
     "preview": "#c46a1b",
+    "preview of few paths": "#a8407a",
     "converged": "#e0a04b",
     "few": "#7b5bb0",
     "table": "#5b616b",
@@ -28,7 +29,7 @@ GROUPS = {
     "PSSMLT": "#7aa83a",
     "volpath": "#a33a5a",
 }
-"""Color by the first word of a level's name."""
+"""Color by a level's name, or its first word."""
 
 
 FLOOR = 5e-4
@@ -62,6 +63,8 @@ def draw_levels(axes: Axes, rows: Sequence[tuple[str, float, float, float]]) -> 
 
 
 def _color(level: str) -> str:
+    if level in GROUPS:
+        return GROUPS[level]
     return GROUPS.get(level.replace(",", " ").replace(".", " ").split()[0], "black")
 
 
