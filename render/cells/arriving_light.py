@@ -1,9 +1,9 @@
 """Directions from which the light of each lamp arrives at the coating, learned from photons.
 
-On a bent pad of smooth faces light comes to a facet over the lower face, walls and ends in many
-orders. No connection finds these ways, and no formula aims at all of them: a concave face shows a
-lamp several times. So photons are followed from each lamp to the coating, or to a wall that is
-painted white, and the directions in which they arrive there are counted, per lamp and *place*: a
+On a bent clear pad of smooth faces light comes to a facet over the lower face, walls and ends in
+many orders. No connection finds these ways, and no formula aims at all of them: a concave face
+shows a lamp several times. So photons are followed from each lamp to the coating, or to a wall that
+is painted white, and the directions in which they arrive there are counted, per lamp and *place*: a
 cube of space, and the way that the surface faces. Camera subpaths draw directions from these counts
 (path guiding, Vorba et al. 2014, by histograms). What they miss other directions find, with the
 density of all of them together in the MIS weights: counts cost time, not truth.
@@ -32,7 +32,7 @@ PHOTONS, PHOTONS_OF_LAMP = 1 << 20, 1 << 18
 LEAST_PHOTONS = 1 << 15
 """Photons of one lamp at least, however many there are."""
 EVENTS = 24
-"""Faces, and scattering in a volume, that a photon may pass."""
+"""Faces that a photon may pass."""
 CUBES = 20
 """Cubes along the longest side of what photons meet."""
 FACING = 4
@@ -154,7 +154,7 @@ def _followed(pad: mi.Scene, light: FiberLight, fiber: mi.UInt32, photons: int) 
     stratum = (mi.Float(lane) + pick_node) / dr.opaque(mi.Float, photons)
     o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
     none = mi.Float(0)
-    state = begin_subpath(o, d, light.medium(pad, fiber), mi.Spectrum(1.0), none, none, free)
+    state = begin_subpath(o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), none, none, free)
     met = empty_vertex()
     event, active = mi.UInt32(2), dr.full(mi.Bool, True, photons)
     while active:

@@ -39,7 +39,7 @@ from render.geometry import (
     flat_fiber_poses,
     half_view,
 )
-from render.optics.pad_scene import pad_scene
+from render.optics.pad_scene import pad_scene, scattering_medium
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -188,7 +188,9 @@ class PadSampler:
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
         self.arriving: ArrivingLight | None = None
-        if self.aim and self.mirror.curved and mirrors[LOWER]:
+        # Behind a layer that scatters the glow is the surer guide.
+        clear = scattering_medium(scene) is None
+        if self.aim and clear and self.mirror.curved and mirrors[LOWER]:
             self.arriving = ArrivingLight(self.pad, self.light, scene.lamp_count)
             aimed = min(aimed, AIMED_LEARNED)
         self.aimed_fraction = dr.opaque(mi.Float, aimed)
