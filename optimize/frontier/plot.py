@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from optimize.report import drawing, png_bytes
+from surrogate.runtime.metadata import FEW_PATHS
 
 if TYPE_CHECKING:
     from optimize.frontier.frontier import Frontier
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 GROUPS = {
     "preview": "#c46a1b",
-    "preview of few paths": "#a8407a",
+    FEW_PATHS: "#a8407a",
     "converged": "#e0a04b",
     "few": "#7b5bb0",
     "table": "#5b616b",

@@ -160,7 +160,6 @@ class PadSampler:
         self.scene = scene
         self.pad = pad_scene(scene, bend, indented)
         self.light = FiberLight(scene, phi, bend)
-        self.glow = FiberGlow(scene, bend)
         self.mirror = LowerFaceMirror(scene, bend)
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
@@ -187,12 +186,14 @@ class PadSampler:
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
-        self.arriving: ArrivingLight | None = None
         # Behind a layer that scatters the glow is the surer guide.
         clear = scattering_medium(scene) is None
+        self.glow: FiberGlow | ArrivingLight
         if self.aim and clear and self.mirror.curved and mirrors[LOWER]:
-            self.arriving = ArrivingLight(self.pad, self.light, scene.lamp_count)
+            self.glow = ArrivingLight(self.pad, self.light, scene.lamp_count)
             aimed = min(aimed, AIMED_LEARNED)
+        else:
+            self.glow = FiberGlow(scene, bend)
         self.aimed_fraction = dr.opaque(mi.Float, aimed)
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
         self.stride = CAMERA_STRIDE
@@ -201,7 +202,7 @@ class PadSampler:
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
-        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction, self.arriving)
+        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction)
 
     def lamp(self, fiber: mi.UInt32) -> Lamp | None:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""

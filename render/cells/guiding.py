@@ -49,20 +49,22 @@ class FiberGlow:
         parts = [dr.gather(mi.Vector3f, self.frames, 4 * fiber + i) for i in range(4)]
         return mi.Point3f(parts[0]), parts[1], parts[2], parts[3]
 
-    def sample(self, fiber: mi.UInt32, a: mi.Point3f, x: mi.Float, y: mi.Float) -> mi.Vector3f:
-        """Return directions from points ``a`` towards the glow of ``fiber``."""
+    def sample(
+        self, fiber: mi.UInt32, v: Vertex, pick: mi.Float, x: mi.Float, y: mi.Float
+    ) -> mi.Vector3f:
+        """Return directions from ``v`` towards the glow of ``fiber``; ``pick`` is not needed."""
         foot, along, _, up = self._frame(fiber)
         x = dr.clip(x, 1e-6, 1.0 - 1e-6)
         t = LOGISTIC_SCALE * dr.log(x / (1.0 - x))
         aim = foot + t * along + (2.0 * y - 1.0) * self.thickness * up
-        return dr.normalize(aim - a)
+        return dr.normalize(aim - v.p)
 
-    def density(self, fiber: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
+    def density(self, fiber: mi.UInt32, v: Vertex, direction: mi.Vector3f) -> mi.Float:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
         foot, along, inward, up = self._frame(fiber)
         cosine = -dr.dot(direction, inward)
-        distance = dr.dot(a - foot, inward) / cosine
-        offset = a + distance * direction - foot
+        distance = dr.dot(v.p - foot, inward) / cosine
+        offset = v.p + distance * direction - foot
         z = dr.dot(offset, up)
         e = dr.exp(-dr.abs(dr.dot(offset, along)) / LOGISTIC_SCALE)
         logistic = e / (LOGISTIC_SCALE * dr.square(1.0 + e))
@@ -75,15 +77,14 @@ class FiberGlow:
 class FacetGuiding:
     """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet.
 
-    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself. The others go where
-    its light arrives from, if that is known, instead of the glow.
+    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself, the others to the
+    ``glow``, or to where photons arrive from.
     """
 
-    glow: FiberGlow
+    glow: FiberGlow | ArrivingLight
     fiber: mi.UInt32
     aim: LampAim | None = None
     aimed: mi.Float | None = None
-    arriving: ArrivingLight | None = None
 
     @property
     def fraction(self) -> float:
@@ -105,23 +106,17 @@ class FacetGuiding:
 
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
         """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
-        if self.aim is None or self.aimed is None:
-            return self.glow.sample(self.fiber, v.p, x, y)
         part = number / self.fraction
+        if self.aim is None or self.aimed is None:
+            return self.glow.sample(self.fiber, v, part, x, y)
         aimed = self.aim.sample(self.fiber, v.p, part / self.aimed, x, y)
-        if self.arriving is None:
-            other = self.glow.sample(self.fiber, v.p, x, y)
-        else:
-            rest = dr.maximum(part - self.aimed, 0.0) / (1.0 - self.aimed)
-            other = self.arriving.sample(self.fiber, v, rest, x, y)
-        return dr.select(part < self.aimed, aimed, other)
+        rest = dr.maximum(part - self.aimed, 0.0) / (1.0 - self.aimed)
+        glow = self.glow.sample(self.fiber, v, rest, x, y)
+        return dr.select(part < self.aimed, aimed, glow)
 
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
-        if self.arriving is None:
-            guided = self.glow.density(self.fiber, v.p, direction)
-        else:
-            guided = self.arriving.density(self.fiber, v, direction)
+        guided = self.glow.density(self.fiber, v, direction)
         if self.aim is not None and self.aimed is not None:
             aimed = self.aim.density(self.fiber, v.p, direction)
             guided = (1.0 - self.aimed) * guided + self.aimed * aimed

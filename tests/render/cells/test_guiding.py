@@ -26,7 +26,11 @@ def facet_points(scene: Scene, bend: float) -> np.ndarray:
 
 
 def lanes(mono: ModuleType, points: np.ndarray) -> Any:
-    return mono.Point3f(np.ascontiguousarray(points.T).astype(np.float32))
+    from render.paths.vertex import empty_vertex
+
+    v = empty_vertex()
+    v.p = mono.Point3f(np.ascontiguousarray(points.T).astype(np.float32))
+    return v
 
 
 @pytest.mark.parametrize("bend", [0.0, np.pi / 2])
@@ -39,7 +43,7 @@ def test_the_density_is_that_of_the_sampled_directions(
     fibers = mono.UInt32(np.full(COUNT, fiber, dtype=np.uint32))
     rng = np.random.default_rng(1)
     x, y = (mono.Float(rng.random(COUNT).astype(np.float32)) for _ in range(2))
-    drawn = glow.sample(fibers, a, x, y)
+    drawn = glow.sample(fibers, a, x, x, y)
     anywhere = mono.warp.square_to_uniform_sphere(mono.Point2f(x, y))
     density = glow.density(fibers, a, anywhere)
     dr.eval(drawn, anywhere, density)
@@ -64,7 +68,7 @@ def test_every_facet_aims_at_every_fiber_with_a_positive_finite_density(
     rng = np.random.default_rng(2)
     x, y = (mono.Float(rng.random(len(points) * count).astype(np.float32)) for _ in range(2))
     glow = FiberGlow(scene, bend)
-    directions = glow.sample(fibers, a, x, y)
+    directions = glow.sample(fibers, a, x, x, y)
     density = np.array(glow.density(fibers, a, directions))
     assert np.isfinite(np.array(directions)).all()
     assert np.isfinite(density).all()
