@@ -66,18 +66,16 @@ def assert_converged_is_near(told: Sequence[Deviation]) -> None:
 
 def print_deviations(
     cases: Sequence[str],
-    of_case: Callable[[str, int, int], dict[str, list[Deviation]]],
-    photons: int,
+    of_case: Callable[[str, int], dict[str, list[Deviation]]],
     arrivals: int,
 ) -> None:
     """Print the deviations of the cases that the command line names, or of all."""
     parser = argparse.ArgumentParser()
     parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(cases))
-    parser.add_argument("--photons", type=int, default=photons)
     parser.add_argument("--arrivals", type=int, default=arrivals)
     chosen = parser.parse_args()
     for case in chosen.cases or cases:
-        for name, rows in of_case(case, chosen.photons, chosen.arrivals).items():
+        for name, rows in of_case(case, chosen.arrivals).items():
             for number, row in enumerate(rows):
                 which = "all" if number == len(rows) - 1 else f"lamp {number}"
                 print(

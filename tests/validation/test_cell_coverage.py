@@ -1,7 +1,8 @@
 """Stated 95 % intervals of cells hold the truth that analog photons tell, on clear and milky pads.
 
 A run's own replicates cannot know of light that none of them found. The truth here is
-independent, so an interval that is too short for what is missing fails.
+independent (`tests.oracles.kept_photons`), so an interval that is too short for what is missing
+fails.
 
 From the command line: ``python -m tests.validation.test_cell_coverage [--seeds N] [CASE ...]``.
 """
@@ -19,17 +20,14 @@ from scipy import stats
 from render.reference import render_transport
 from render.scene import Scene
 from tests.long import LONG
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.pads import scene_of_case
 
-PHI = 1.2
 REPLICATES = 8
 PADS = ("rim rough 0.1", "smooth", "smooth bent 45")
 if LONG:
     PADS += ("rim", "rough 0.03", "half below")
 SEEDS = 20 if LONG else 6
-PHOTONS = 32_000_000 if LONG else 2_000_000
 ERROR = 0.1
 """Relative error of a cell, in the median, that the runs aim at."""
 
@@ -84,7 +82,7 @@ def samples_for(scene: Scene, pilot: int = 200) -> int:
     return max(8, math.ceil(pilot * (relative / ERROR) ** 2))
 
 
-def measured(case: str, seeds: int, photons: int) -> dict[str, Coverage]:
+def measured(case: str, seeds: int) -> dict[str, Coverage]:
     """Return the coverage of facets and of sites of a case, over ``seeds`` runs."""
     scene = scene_of_case(case)
     bend, samples = scene.bending.angles[0], samples_for(scene)
@@ -98,13 +96,10 @@ def measured(case: str, seeds: int, photons: int) -> dict[str, Coverage]:
     found = {}
     for name in ("facets", "sites"):
         pressed = name == "facets"
-        analog = BentScene(scene, bend, pressed) if bend else AnalogScene(scene, pressed)
-        oracle = np.concatenate(
-            [analog.cells(f, PHI, photons).replicates for f in range(scene.lamp_count)], axis=1
-        )
         T = np.stack([(run.T if pressed else run.background).ravel() for run in runs])
         se = np.stack([(run.se if pressed else run.background_se).ravel() for run in runs])
-        found[name] = coverage(T, se, oracle)
+        truth = photons_kept(case, pressed)
+        found[name] = coverage(T, se, truth.reshape(len(truth), -1))
         print(
             f"{case:20s} {name:6s} {samples} samples, {seeds} seeds: covered "
             f"{found[name].covered:.1%} +- {found[name].error:.1%} of {found[name].intervals} at "
@@ -130,7 +125,7 @@ def test_the_measure_finds_95_percent_where_errors_are_normal_and_less_where_lig
 
 @pytest.mark.parametrize("case", PADS)
 def test_intervals_of_facets_and_sites_hold_what_analog_photons_say(case: str) -> None:
-    for result in measured(case, SEEDS, PHOTONS).values():
+    for result in measured(case, SEEDS).values():
         assert 0.02 < result.cell_error < 0.2
         # Facets of a site share their light: a few seeds scatter by some percent.
         slack = 0.0 if LONG else 2.5 * result.error
@@ -146,10 +141,9 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("cases", nargs="*", metavar="CASE")
     parser.add_argument("--seeds", type=int, default=SEEDS)
-    parser.add_argument("--photons", type=int, default=PHOTONS)
     chosen = parser.parse_args()
     for case in chosen.cases or PADS:
-        measured(case, chosen.seeds, chosen.photons)
+        measured(case, chosen.seeds)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,14 @@
 """Level 2 on pads of all kinds against analog photons: every facet and untouched site, absolutely.
 
-There are as many photons as make their error half of the renders', at most ``PHOTONS`` a lamp:
-more would say nothing.
+The photons are kept (`tests.oracles.kept_photons`).
 
-From the command line, with ratios and z scores per case:
-``python -m tests.validation.test_clear_pads [--samples N] [--photons N] [CASE ...]``.
+From the command line, with ratios and z scores per case, against other photons if it is told how
+many: ``python -m tests.validation.test_clear_pads [--samples N] [--photons N] [CASE ...]``.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -21,18 +19,12 @@ from render.errors import RenderError
 from render.reference import render_transport
 from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
-from tests.oracles.pads import CASES, scene_of_case
+from tests.oracles.kept_photons import PHI, WHOLE, analog, photons_kept, traced
+from tests.oracles.pads import scene_of_case
 from tests.validation.film import not_too_many
 
-PHI = 1.2
 SAMPLES = 4000 if LONG else 400
-PHOTONS = 64_000_000 if LONG else 3_000_000
 REPLICATES = 16
-PILOT = 16
-"""One photon in so many is sent first, to say how many are needed."""
-LEAST_SHARE = 0.5
-"""Error of the photons, over that of the renders, below which more of them say nothing."""
 
 FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
@@ -40,8 +32,6 @@ FAST = (
     "row nearer than wide", "smooth bent 45", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
     "cast into a rim rough 0.1", "mixed 5", "mixed 20",
 )  # fmt: skip
-DRAWN = tuple(f"{kind} {number}" for kind in ("random", "mixed") for number in range(24))
-WHOLE = (*CASES, *DRAWN)
 
 
 class Comparison(NamedTuple):
@@ -88,53 +78,32 @@ def compare(replicates: np.ndarray, se: np.ndarray, oracle: np.ndarray) -> Compa
     )
 
 
-def traced(analog: AnalogScene | BentScene, photons: int) -> np.ndarray:
-    """Return ``(batch, cell)`` of so many photons of each lamp."""
-    lamps = range(analog.scene.lamp_count)
-    return np.concatenate([analog.cells(f, PHI, photons).replicates for f in lamps], axis=1)
+def compared(case: str, samples: int = SAMPLES, photons: int | None = None) -> list[Comparison]:
+    """Render a case and return the comparison of its facets and of its sites.
 
-
-def median_error(cells: np.ndarray, se: np.ndarray) -> float:
-    """Return the median relative error of ``(replicate, cell)``; infinite where nothing is lit."""
-    mean = cells.mean(axis=0)
-    lit = mean > 0.0
-    return float(np.median(se[lit] / mean[lit])) if lit.any() else np.inf
-
-
-def photons_needed(pilot: np.ndarray, known: float, most: int) -> int:
-    """Return the photons that know cells to `LEAST_SHARE` of ``known``, by those of a pilot."""
-    least = most / PILOT
-    needed = least * (median_error(pilot, stats.sem(pilot)) / (LEAST_SHARE * known)) ** 2
-    return int(min(max(needed, least), most))
-
-
-def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[Comparison]:
-    """Render a case, trace it, and return the comparison of its facets and of its sites."""
+    Arguments:
+        case: of `tests.oracles.pads`.
+        samples: per cell.
+        photons: of each lamp, traced with another seed; those that are kept where None.
+    """
     scene = scene_of_case(case)
-    if scene.diffuser and scene.diffuser.sigma_s:
-        photons //= 4
-    if scene.skin:
-        photons //= 8
-    phi = np.array([PHI])
-    began = time.perf_counter()
-    bend = scene.bending.angles[0]
+    bend = np.array(scene.bending.angles[:1])
     estimate = render_transport(
-        scene, phi, np.array([bend]), samples=samples, replicates=REPLICATES
+        scene, np.array([PHI]), bend, samples=samples, replicates=REPLICATES
     )
-    rendered = time.perf_counter()
     found = []
     for name, replicates, se in (
         ("facets", estimate.replicates, estimate.se),
         ("sites", estimate.background_replicates, estimate.background_se),
     ):
-        indented = name == "facets"
-        planes = not bend and scene.skin is scene.window is None
-        views = 4000 if scene.skin else 20_000
-        analog = AnalogScene(scene, indented) if planes else BentScene(scene, bend, indented, views)
-        known = median_error(replicates.reshape(REPLICATES, -1), se.ravel())
-        needed = photons_needed(traced(analog, photons // PILOT), known, photons)
-        oracle = traced(analog, needed)
-        result = compare(replicates.reshape(REPLICATES, -1), se.ravel(), oracle)
+        pressed = name == "facets"
+        if photons is None:
+            oracle = photons_kept(case, pressed)
+        else:
+            oracle = traced(analog(scene, pressed, seed=2), photons)
+        result = compare(
+            replicates.reshape(REPLICATES, -1), se.ravel(), oracle.reshape(len(oracle), -1)
+        )
         found.append(result)
         print(
             f"{case:28s} {name:6s} ratio {result.ratio:.4f} +- {result.error:.4f} "
@@ -145,10 +114,6 @@ def compared(case: str, samples: int = SAMPLES, photons: int = PHOTONS) -> list[
             f"beyond 95 %: {(result.p < 0.05).mean():4.0%}",
             flush=True,
         )
-    print(
-        f"{'':28s} render {rendered - began:.1f} s, oracle {time.perf_counter() - rendered:.1f} s",
-        flush=True,
-    )
     return found
 
 
@@ -164,14 +129,15 @@ def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None
 
 def test_a_rough_wall_lights_facets_over_smooth_faces() -> None:
     """Half of what facets that face the wall get comes over the lower face and other walls."""
-    scene = scene_of_case("index 1.7, rough base")
+    case = "index 1.7, rough base"
+    scene = scene_of_case(case)
     estimate = render_transport(scene, np.array([PHI]), np.zeros(1), samples=800, replicates=16)
-    analog = AnalogScene(scene)
-    facing = analog.pad.normal[:, 1] < -0.1
+    facing = AnalogScene(scene).pad.normal[:, 1] < -0.1
     assert 2 <= facing.sum() <= 4
+    shape = (16, scene.sites.count, scene.indenter.faces)
     found, truth = (
-        each.reshape(16, scene.sites.count, -1)[..., facing].sum(axis=(1, 2))
-        for each in (estimate.replicates, traced(analog, 8_000_000))
+        each.reshape(shape)[..., facing].sum(axis=(1, 2))
+        for each in (estimate.replicates, photons_kept(case, pressed=True))
     )
     error = np.hypot(stats.sem(found), stats.sem(truth))
     assert error < 0.05 * truth.mean()
@@ -184,11 +150,12 @@ def test_walls_that_reflect_all_light_show_a_lamp_in_the_pad_over_and_over() -> 
     Without absorption the sum over images falls off like a logarithm, so a few percent stay beyond
     those that are joined.
     """
-    scene = scene_of_case("cast in index 1.7")
+    case = "cast in index 1.7"
+    scene = scene_of_case(case)
     estimate = render_transport(scene, np.array([PHI]), np.zeros(1), samples=1500, replicates=16)
     shape = (16, 2, scene.sites.count, scene.indenter.faces)
     found = estimate.replicates.reshape(shape).sum(axis=2)
-    truth = traced(AnalogScene(scene), 8_000_000).reshape(shape).sum(axis=2)
+    truth = photons_kept(case, pressed=True).reshape(shape).sum(axis=2)
     error = np.hypot(stats.sem(found), stats.sem(truth))
     ratio = found.mean(axis=0) / truth.mean(axis=0)
     assert (error < 0.08 * truth.mean(axis=0)).all()
@@ -197,7 +164,7 @@ def test_walls_that_reflect_all_light_show_a_lamp_in_the_pad_over_and_over() -> 
 
 
 def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
-    for result in compared("rim bent 45", samples=200, photons=800_000):
+    for result in compared("rim bent 45", samples=200):
         assert abs(result.ratio - 1) < 3.5 * result.error
         assert result.error < 0.06
         assert np.sqrt((result.z**2).mean()) < 1.6
@@ -205,7 +172,7 @@ def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
 
 @pytest.mark.parametrize("case", ["thin rim", "thin rim between mirrors"])
 def test_light_of_a_rim_comes_over_its_upper_face_and_to_and_fro_between_walls(case: str) -> None:
-    for result in compared(case, samples=6000, photons=24_000_000):
+    for result in compared(case, samples=6000):
         assert abs(result.ratio - 1) < 3.5 * result.error
         assert result.error < 0.015
         assert np.sqrt((result.z**2).mean()) < 1.45
@@ -214,13 +181,11 @@ def test_light_of_a_rim_comes_over_its_upper_face_and_to_and_fro_between_walls(c
 def main() -> None:
     """Compare the cases that are named, or all of them."""
     parser = argparse.ArgumentParser()
-    parser.add_argument(
-        "cases", nargs="*", metavar="CASE", help=", ".join([*CASES, "random N", "mixed N"])
-    )
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(WHOLE))
     parser.add_argument("--samples", type=int, default=SAMPLES)
-    parser.add_argument("--photons", type=int, default=PHOTONS)
+    parser.add_argument("--photons", type=int)
     chosen = parser.parse_args()
-    for case in chosen.cases or CASES:
+    for case in chosen.cases or WHOLE:
         try:
             compared(case, chosen.samples, chosen.photons)
         except RenderError as error:

@@ -1,7 +1,7 @@
 """The previews of pads with a diffuser on some edges against photons, lamp by lamp.
 
 Level 2 is held against them in ``test_clear_pads``. From the command line:
-``python -m tests.validation.test_diffuser_edges [--photons N] [--converged] [CASE ...]``.
+``python -m tests.validation.test_diffuser_edges [--converged] [CASE ...]``.
 """
 
 from __future__ import annotations
@@ -11,18 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from render.arrays import Array
 from render.preview import Preview
 from render.preview.converged.transport import Effort, task_count, transport_at
 from render.progress import Clock
 from render.scene import Scene
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.pads import CASES, scene_of_case
 
-PHI = 1.2
-PHOTONS = 1_500_000
 EFFORT = Effort(photons=100_000, paths=8192, arrivals=6_000_000)
 BOUND = 0.06
 """Median over sites of a lamp's light; pads with a diffuser on three edges are off by 0.05."""
@@ -50,15 +48,13 @@ def converged_cells(scene: Scene) -> tuple[Array, Array]:
     return cells[..., :-1], cells[..., -1]
 
 
-def agreement(scene: Scene, cells: Array, indented: bool, lamp: int, photons: int) -> Agreement:
-    """Hold ``cells`` ``(lamp, target...)`` of facets, or of sites, against photons of a lamp."""
-    bend = scene.bending.angles[0]
-    pad = BentScene(scene, bend, indented) if bend else AnalogScene(scene, indented)
-    truth, light = pad.cells(lamp, PHI, photons), cells[lamp].ravel()
+def agreement(cells: Array, photons: Array) -> Agreement:
+    """Hold ``cells`` ``(target...)`` of a lamp against its photons ``(batch, target)``."""
+    light, truth = cells.ravel(), photons.mean(axis=0)
     return Agreement(
-        float(np.median(np.abs(light / truth.T - 1))),
-        float(np.median(truth.se / truth.T)),
-        float(light.sum() / truth.T.sum()),
+        float(np.median(np.abs(light / truth - 1))),
+        float(np.median(stats.sem(photons) / truth)),
+        float(light.sum() / truth.sum()),
     )
 
 
@@ -68,8 +64,9 @@ def agreement(scene: Scene, cells: Array, indented: bool, lamp: int, photons: in
 def test_the_preview_of_every_lamp_is_near_the_truth(case: str) -> None:
     scene = scene_of_case(case)
     _, sites = shader_cells(scene)
+    photons = photons_kept(case, pressed=False)
     for lamp in range(scene.lamp_count):
-        found = agreement(scene, sites, False, lamp, PHOTONS)
+        found = agreement(sites[lamp], photons[:, lamp])
         assert found.off < np.hypot(BOUND, found.noise)
 
 
@@ -77,7 +74,6 @@ def main() -> None:
     """Compare the cases that are named, or all with a diffuser on edges that they name."""
     parser = argparse.ArgumentParser()
     parser.add_argument("cases", nargs="*", metavar="CASE")
-    parser.add_argument("--photons", type=int, default=PHOTONS)
     parser.add_argument("--converged", action="store_true")
     asked = parser.parse_args()
     for case in asked.cases or [name for name in CASES if "rim on" in name]:
@@ -85,10 +81,11 @@ def main() -> None:
         levels = {"preview": shader_cells(scene)}
         if asked.converged:
             levels["converged"] = converged_cells(scene)
+        truth = photons_kept(case, pressed=True), photons_kept(case, pressed=False)
         for lamp, placed in enumerate(scene.placed_lamps()):
             for number, kind in enumerate(("facets", "sites")):
                 for level, cells in levels.items():
-                    found = agreement(scene, cells[number], number == 0, lamp, asked.photons)
+                    found = agreement(cells[number][lamp], truth[number][:, lamp])
                     print(
                         f"{case:34s} {placed.edge or 'listed':6s} {kind:6s} {level:9s} "
                         f"off by {found.off:.1%} (median), ratio of sums {found.ratio:.3f}, "

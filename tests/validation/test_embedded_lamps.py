@@ -3,7 +3,7 @@
 Level 2 is held against the same photons in ``tests.validation.test_clear_pads``.
 
 From the command line, with full effort:
-``python -m tests.validation.test_embedded_lamps [--photons N] [--arrivals N] [CASE ...]``.
+``python -m tests.validation.test_embedded_lamps [--arrivals N] [CASE ...]``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from render.preview import Preview
 from render.preview.converged import Effort, can_converge, transport_at
 from render.progress import Clock
 from tests.long import LONG
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.pads import CASES, scene_of_case
 from tests.validation.deviations import (
     Deviation,
@@ -25,15 +24,14 @@ from tests.validation.deviations import (
     print_deviations,
 )
 
-PHI = 1.2
-PHOTONS, ARRIVALS = (2_000_000, 6_000_000) if LONG else (300_000, 1_000_000)
+ARRIVALS = 6_000_000 if LONG else 1_000_000
 WHOLE = tuple(case for case in CASES if "cast in" in case)
 FAST = ("cast in", "cast into a rim rough 0.1")
 DRAWN_BOUND = 0.1
 """Median over facets of how far the preview as drawn may be off."""
 
 
-def deviations(case: str, photons: int, arrivals: int) -> dict[str, list[Deviation]]:
+def deviations(case: str, arrivals: int) -> dict[str, list[Deviation]]:
     """Return, of the converged preview and the shader's, those of facets.
 
     Of each lamp alone, and last of all of them together.
@@ -46,17 +44,14 @@ def deviations(case: str, photons: int, arrivals: int) -> dict[str, list[Deviati
     if can_converge(scene):
         found = transport_at(scene, bend, phi, effort, Clock(1, None)).cells
         cells["converged"] = found[:, 0, :, :-1]
-    planes = not bend and scene.skin is scene.window is None
-    pad = AnalogScene(scene) if planes else BentScene(scene, bend, True, 4000)
-    lamps = range(scene.lamp_count)
-    truth = [pad.cells(lamp, PHI, photons).replicates for lamp in lamps]
+    truth, lamps = photons_kept(case, pressed=True), range(scene.lamp_count)
     levels = {name: [level[lamp] for lamp in lamps] for name, level in cells.items()}
-    return deviations_of_lamps(levels, truth)
+    return deviations_of_lamps(levels, [truth[:, lamp] for lamp in lamps])
 
 
 @pytest.mark.parametrize("case", WHOLE if LONG else FAST)
 def test_previews_are_near_the_light_of_lamps_in_the_silicone(case: str) -> None:
-    told = deviations(case, PHOTONS, ARRIVALS)
+    told = deviations(case, ARRIVALS)
     drawn = told["as drawn"][-1]
     assert drawn.median < drawn.noise + DRAWN_BOUND
     if "converged" in told:
@@ -64,4 +59,4 @@ def test_previews_are_near_the_light_of_lamps_in_the_silicone(case: str) -> None
 
 
 if __name__ == "__main__":
-    print_deviations(WHOLE, deviations, PHOTONS, ARRIVALS)
+    print_deviations(WHOLE, deviations, ARRIVALS)

@@ -1,7 +1,7 @@
 """The preview of pads with black, white and metal edges, by facets and sites, against photons.
 
 From the command line:
-``python -m tests.validation.test_painted_previews [--photons N] [CASE ...]``.
+``python -m tests.validation.test_painted_previews [CASE ...]``.
 """
 
 from __future__ import annotations
@@ -13,14 +13,11 @@ import pytest
 from scipy import stats
 
 from render.preview import Preview
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.pads import CASES, scene_of_case
 
-PHI = 1.2
 BOUND = 0.05
 """Median over facets, and over sites, of how far the preview may be off."""
-PHOTONS = 500_000
 FAST = (
     "white, mirror and black walls",
     "white walls rough 0.1",
@@ -28,10 +25,10 @@ FAST = (
 )
 
 
-def agreement(case: str, photons: int) -> list[tuple[float, float]]:
+def agreement(case: str) -> list[tuple[float, float]]:
     """Return medians of ``|preview / truth - 1|`` and of the truth's noise: of facets, of sites.
 
-    All lamps together, each of ``photons``.
+    All lamps together.
     """
     scene = scene_of_case(case)
     bend = scene.bending.angles[0]
@@ -39,9 +36,7 @@ def agreement(case: str, photons: int) -> list[tuple[float, float]]:
         drawn = preview.transport(np.array([PHI]), np.array([bend]))
     found = []
     for name, cells in zip(("facets", "sites"), drawn, strict=True):
-        pressed = name == "facets"
-        pad = BentScene(scene, bend, pressed) if bend else AnalogScene(scene, pressed)
-        batches = sum(pad.cells(f, PHI, photons).replicates for f in range(scene.lamp_count))
+        batches = photons_kept(case, pressed=name == "facets").sum(axis=1)
         truth, noise = batches.mean(axis=0), stats.sem(batches, axis=0)
         light = cells.sum(axis=(0, 1, 2)).ravel()
         off = np.abs(light / truth - 1)
@@ -57,14 +52,13 @@ def agreement(case: str, photons: int) -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize("case", FAST)
 def test_the_preview_of_painted_edges_is_near_the_truth(case: str) -> None:
-    for off, noise in agreement(case, PHOTONS):
+    for off, noise in agreement(case):
         assert off < np.hypot(BOUND, noise)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("cases", nargs="*", metavar="CASE")
-    parser.add_argument("--photons", type=int, default=PHOTONS)
     asked = parser.parse_args()
     for chosen in asked.cases or [name for name in CASES if "wall" in name or "mirror" in name]:
-        agreement(chosen, asked.photons)
+        agreement(chosen)

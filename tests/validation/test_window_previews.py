@@ -1,7 +1,7 @@
 """Previews of pads on a window of another index against analog photons, lamp by lamp and together.
 
 From the command line, with full effort:
-``python -m tests.validation.test_window_previews [--photons N] [--arrivals N] [CASE ...]``.
+``python -m tests.validation.test_window_previews [--arrivals N] [CASE ...]``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from render.preview.converged import Effort, transport_at
 from render.progress import Clock
 from render.scene import Scene
 from tests.long import LONG
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import PHI, analog, photons_kept, traced
 from tests.oracles.pads import scene_of_case
 from tests.validation.deviations import (
     Deviation,
@@ -27,9 +27,10 @@ from tests.validation.deviations import (
     print_deviations,
 )
 
-PHI = 1.2
 SCENES = resources.files("render") / "scenes"
-PHOTONS, ARRIVALS = (1_000_000, 6_000_000) if LONG else (200_000, 2_000_000)
+PHOTONS = 1_000_000
+"""Of each lamp of a shipped sensor on a plate; those of pads are kept."""
+ARRIVALS = 6_000_000 if LONG else 2_000_000
 FAST = ("window lit at its edges rough 0.05",)
 PADS = ("digit 1.49", "digit 1.58", "gelsight-mini 1.49", "gelsight-mini 1.58")
 WHOLE = (*FAST, "window", "window lit from below", "window of low index", *PADS)
@@ -60,9 +61,7 @@ def scene_on_window(case: str) -> Scene:
     return Scene.model_validate(content)
 
 
-def deviations(
-    case: str, photons: int = PHOTONS, arrivals: int = ARRIVALS, lamps: int = 4
-) -> dict[str, list[Deviation]]:
+def deviations(case: str, arrivals: int = ARRIVALS, lamps: int = 4) -> dict[str, list[Deviation]]:
     """Return, of the converged preview and the shader's, those of facets.
 
     Of some lamps, each alone, and last of all of these together.
@@ -73,10 +72,10 @@ def deviations(
         drawn = preview.transport(phi, np.zeros(1))[0][:, 0, 0]
     found = transport_at(scene, 0.0, phi, effort, Clock(1, None)).cells[:, 0, :, :-1]
     chosen = np.unique(np.linspace(0, scene.lamp_count - 1, lamps).astype(int))
-    pad = BentScene(scene, 0.0, True, 4000)
-    truth = [pad.cells(int(lamp), PHI, photons).replicates for lamp in chosen]
+    pressed = True
+    truth = traced(analog(scene, pressed), PHOTONS) if case in PADS else photons_kept(case, pressed)
     levels = {"converged": list(found[chosen]), "as drawn": list(drawn[chosen])}
-    return deviations_of_lamps(levels, truth)
+    return deviations_of_lamps(levels, [truth[:, lamp] for lamp in chosen])
 
 
 @pytest.mark.parametrize("case", WHOLE if LONG else FAST)
@@ -85,4 +84,4 @@ def test_converged_previews_are_right_through_a_window(case: str) -> None:
 
 
 if __name__ == "__main__":
-    print_deviations(WHOLE, deviations, PHOTONS, ARRIVALS)
+    print_deviations(WHOLE, deviations, ARRIVALS)
