@@ -22,7 +22,6 @@ from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
 from render.preview.converged import (
     ConvergedTransport,
-    can_converge,
     converged_transport,
     few_paths_transport,
 )
@@ -87,16 +86,15 @@ def preview_checker(
 ) -> Checker:
     """Return a checker of ``scene`` on its preview alone, level 0.
 
-    The converged one, in about a minute; with ``coarse``, or where there is no converged one, the
-    shader's, in seconds; with ``coarse`` under a window of another index than the pad's, where the
-    shader lacks up to a third of the light, that of `few_paths_checker`. All are kept in the user's
-    cache, by the scene's hash.
+    The converged one, in about a minute; with ``coarse`` the shader's, in seconds, but for scenes
+    under a window of another index than the pad's, where the shader lacks up to a third of the
+    light: that of `few_paths_checker`. All are kept in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.
         TableError: the preview is black or not finite.
     """
-    if can_converge(scene) and not coarse:
+    if not coarse:
         return _followed(scene, converged_transport, CONVERGED_ERRORS, progress)
     if scene.window_refracts:
         return few_paths_checker(scene, progress)
@@ -109,7 +107,7 @@ def preview_checker(
 def few_paths_checker(scene: Scene, progress: OnProgress | None = None) -> Checker:
     """Return a checker of ``scene`` on its preview as few light paths correct it.
 
-    For scenes that have a converged one (`can_converge`). It raises what `preview_checker` does.
+    It raises what `preview_checker` does.
     """
     return _followed(scene, few_paths_transport, FEW_PATHS_ERRORS, progress)
 

@@ -14,7 +14,6 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
-from render.preview.converged import can_converge
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget
 from render.scale import ScoreScale, baseline_power, scene_scale
@@ -251,7 +250,7 @@ def _preview(
         preview = TrainingPreview(drawn, error, left_out)
         # Under a window the shader lacks up to a third of the light.
         coarse = config.coarse and not scene.window_refracts
-        if drawn.free is None and not coarse and can_converge(scene):
+        if drawn.free is None and not coarse:
             following = in_stage(progress, "following light")
             within = None if fit_time is None else fit_time.budget.seconds
             grid = followed_grid(drawn, scene, within, following)

@@ -20,7 +20,6 @@ import numpy as np
 from optimize.design import ScoreSettings
 from render.errors import RenderError, SceneError, TableError
 from render.files import read_json, write_json
-from render.preview.converged import can_converge
 from render.progress import OnProgress, in_stage
 from render.scale import scene_scale
 from render.scene import Scene
@@ -100,12 +99,8 @@ def make_predictors(
             levels.left_out[PREVIEW] = "the shader lacks the light that a window guides"
         else:
             previews[PREVIEW] = lambda: preview_checker(scene, report, coarse=True)
-        if can_converge(scene):
-            previews[FEW_PATHS] = lambda: few_paths_checker(scene, report)
-            previews[CONVERGED] = lambda: preview_checker(scene, report)
-        else:
-            reason = "light is followed to flat skins alone"
-            levels.left_out |= {FEW_PATHS: reason, CONVERGED: reason}
+        previews[FEW_PATHS] = lambda: few_paths_checker(scene, report)
+        previews[CONVERGED] = lambda: preview_checker(scene, report)
         seconds = 0.0
         for level, make in previews.items():
             # One after the other, as `tactilux explore` has them.

@@ -1,12 +1,10 @@
 """The model of a scene: finding it, or making do without one, and what it says of designs.
 
-Where none was trained, the preview answers. Skins that its paths cannot be followed to have no
-converged one; where no lamp turns either, renders of two minutes are a table that answers.
+Where none was trained, the preview answers.
 """
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -23,17 +21,13 @@ from surrogate.runtime import MODEL_FILE, Checker
 # 0.1 counts (measured; with 17 nodes by 0.9).
 PHI_NODES = 33
 
-TABLE_MINUTES = 2.0
-"""For the table of a scene that has no other good answer."""
-
 
 def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     """Return the folder that holds ``checker.onnx`` for a scene, None where there is none.
 
     The folder given, or the one of the right scene hash, whatever its name, among those in
     ``models`` of the current directory and those that come with tactilux; folders named like the
-    scene are tried first. A model with a free material serves its whole family of hashes. The last
-    place is the user's cache, where `open_model` keeps tables that it had to render.
+    scene are tried first. A model with a free material serves its whole family of hashes.
 
     The hash covers all that a facet's color depends on, the camera's columns and rows too: with
     other pixels on a facet its light is another mean (finger20 at 640 x 480: by 4 % at the 95th
@@ -54,7 +48,7 @@ def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     for place in (Path("models"), Path(__file__).resolve().parents[2] / "models"):
         found += sorted(file.parent for file in place.glob(f"*/{MODEL_FILE}"))
     found.sort(key=lambda folder: folder.name != scene.name)
-    for folder in (*found, _table_folder(scene)):
+    for folder in found:
         try:
             Checker.for_scene(folder, scene, threads=1)
         except ModelError as error:
@@ -75,58 +69,13 @@ def trained_model(scene: Scene, given: Path | None = None) -> Checker | None:
     return None if folder is None else Checker.for_scene(folder, scene)
 
 
-def _table_folder(scene: Scene) -> Path:
-    """Return where the table that `open_model` renders of ``scene`` is kept."""
-    from render.preview.diffuser.cache import cache_folder
-
-    return cache_folder() / f"table-{scene.hash}"
-
-
-def _needs_table(scene: Scene) -> bool:
-    """Return whether a table of renders answers, as there is no converged preview.
-
-    Without the packages that render and train, the preview as drawn has to do.
-    """
-    from render.preview.converged import can_converge
-    from surrogate.model.preview_grid import is_one_node
-
-    return (
-        is_one_node(scene)
-        and not can_converge(scene)
-        and all(find_spec(name) is not None for name in ("mitsuba", "torch", "onnx"))
-    )
-
-
-def _render_table(scene: Scene) -> Path:
-    """Render the table of ``scene`` and return the folder of its model; ended, it goes on."""
-    from render.reference import ensure_llvm
-    from surrogate.train import TrainConfig, train
-
-    folder, minutes = _table_folder(scene), TABLE_MINUTES
-    note(
-        f"There is no model for scene {scene.name}, hash {scene.hash}: rendering a table of it, "
-        f"{minutes:g} minutes (--coarse: the preview as drawn; more: tactilux train)"
-    )
-    ensure_llvm()
-    with ProgressBar("Rendering a table") as bar:
-        train(
-            scene,
-            folder,
-            config=TrainConfig(minutes=minutes),
-            command=f"tactilux train {scene.name} --seed 0 --minutes {minutes:g}",
-            progress=bar,
-        )
-    return folder
-
-
 def open_model(
     scene: Scene, given: Path | None = None, *, threads: int | None = None, coarse: bool = False
 ) -> Checker:
     """Return the model of ``scene``: a trained one, or what there is without one, see the module.
 
     It says on stderr which; and warns where the scene leaves the range that a model was trained
-    for. A preview takes seconds, or a minute where it can be converged, a table `TABLE_MINUTES`
-    (`is_prompt` asks whether it is seconds).
+    for. A converged preview takes a minute, unless it is kept, as `is_prompt` says.
 
     Arguments:
         scene: the sensor.
@@ -145,8 +94,6 @@ def open_model(
             field="model",
         )
     folder = None if coarse else find_model(scene, given)
-    if folder is None and not coarse and _needs_table(scene):
-        folder = _render_table(scene)
     if folder is None:
         from surrogate.preview_model import preview_checker
 
@@ -198,9 +145,9 @@ def is_prompt(scene: Scene, given: Path | None = None) -> bool:
     """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
     if find_model(scene, given) is not None:
         return True
-    from render.preview.converged import can_converge, is_kept
+    from render.preview.converged import is_kept
 
-    return is_kept(scene) if can_converge(scene) else not _needs_table(scene)
+    return is_kept(scene)
 
 
 def predict_design(checker: Checker, design: Design, bends: Array) -> dict[str, Array]:

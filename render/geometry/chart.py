@@ -88,7 +88,7 @@ class SkinChart:
         pad = self.scene.pad
         high = np.array([pad.width / 2, pad.length / 2, pad.thickness])
         with np.errstate(divide="ignore", invalid="ignore"):
-            ends = np.where(direction > 0, high - start, [-1, -1, np.inf] * high - start)
+            ends = np.where(direction > 0, high - start, [-1, -1, -np.inf] * high - start)
             last = np.where(direction == 0, np.inf, ends / direction).min(axis=-1)
         going = np.isfinite(last) & (last > 0)
         last = np.where(going, last, 0.0)

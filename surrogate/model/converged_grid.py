@@ -30,9 +30,9 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     the ratios before, with `LAMP_ERROR`, `SITE_ERROR` and `CELL_ERROR`. The ratio of a cell is the
     product of the three; where light has no grain it is what was found over the shader's. Its
     logarithm is interpolated in direction by the polynomial through them, in bend by one of
-    degree `BEND_DEGREE` at most, constant beyond the scene's own.
+    degree `BEND_DEGREE` at most, constant beyond the scene's own; each state has its own.
     """
-    own = np.array(scene.bending.angles)
+    own = np.array(scene.state_axis)
     drawn = np.exp(grid.evaluate(NODES, own))
     grain = split_channels(scene, found.grain)[..., None, None]
     light = split_channels(scene, found.cells)
@@ -48,12 +48,15 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
         cells = cells * likely_ratio(light.sum(axis=axes, keepdims=True), expected, noise, error)
     ratio = np.log(np.maximum(cells, FLOOR))
     in_phi = interpolation_weights(NODES, grid.phi)
-    degree = min(len(set(own)) - 1, BEND_DEGREE)
-    at_own, at_nodes = (
-        np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)
-        for at in (own, np.clip(grid.bends, own.min(), own.max()))
-    )
-    in_bend = at_nodes @ np.linalg.pinv(at_own)
+    if scene.states is None:
+        degree = min(len(set(own)) - 1, BEND_DEGREE)
+        at_own, at_nodes = (
+            np.polynomial.chebyshev.chebvander(at / max(own.max(), 1.0), degree)
+            for at in (own, np.clip(grid.bends, own.min(), own.max()))
+        )
+        in_bend = at_nodes @ np.linalg.pinv(at_own)
+    else:
+        in_bend = np.eye(len(own))  # there is nothing between states
     change = np.einsum("pj,qb,fjbsn->fpqsn", in_phi, in_bend, ratio, optimize=True)
     noise = float(np.max(found.noise))
     return replace(grid, log_transport=grid.log_transport + change, photon_noise=noise)

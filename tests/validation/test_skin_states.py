@@ -1,4 +1,4 @@
-"""States of a skin, level 0 and level 2, against photons among the triangles of the moved body.
+"""States of a skin, previews and level 2, against photons among the triangles of the moved body.
 
 From the command line:
 ``python -m tests.validation.test_skin_states [--samples N] [--photons N] [STATE ...]``.
@@ -16,14 +16,18 @@ from scipy import stats
 
 from render.geometry import in_state
 from render.preview import Preview
+from render.preview.converged import Effort, transport_at
+from render.preview.converged.transport import task_count
+from render.progress import Clock
 from render.reference import render_transport
 from render.scene import Scene, load_scene
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.soft_domes import MOVES, scene_text_of, write_files
 
 AHEAD = np.array([np.pi / 2])
-PREVIEW_BOUND = 0.05
-"""Median over facets, and over sites, of how far the preview may be off."""
+PREVIEW_BOUND, CONVERGED_BOUND = 0.05, 0.02
+"""Median over facets, and over sites, of how far the preview as drawn and converged may be off."""
+EFFORT = Effort(paths=8192, arrivals=12_000_000)
 
 
 def soft_dome() -> Scene:
@@ -35,21 +39,24 @@ def soft_dome() -> Scene:
 
 
 def compared(state: str, samples: int, photons: int) -> list[dict[str, float]]:
-    """Return of facets and of sites what renders and the preview differ from photons by.
+    """Return of facets and of sites what renders and previews differ from photons by.
 
     All six lamps together, each of ``photons``: ``ratio`` of sums with its error ``se``, ``rms_z``
-    of single targets, ``off`` the preview's median, and the ``noise`` of that.
+    of single targets, ``off`` the drawn preview's median, ``converged_off`` and
+    ``converged_ratio`` of the other one, and the ``noise`` of medians.
     """
     scene = soft_dome()
     number = np.array([float(scene.state_names.index(state))])
     table = render_transport(scene, AHEAD, number, samples=samples, replicates=16)
     with Preview(scene) as preview:
         drawn = preview.transport(AHEAD, number)
+    clock = Clock(task_count(scene, EFFORT), None)
+    followed = transport_at(scene, float(number[0]), AHEAD, EFFORT, clock).cells.sum(axis=(0, 1))
     moved, bend = in_state(scene, float(number[0]))
     found = []
-    for name, replicates, light in (
-        ("facets", table.replicates, drawn[0]),
-        ("sites", table.background_replicates, drawn[1]),
+    for name, replicates, light, paths in (
+        ("facets", table.replicates, drawn[0], followed[:, :-1]),
+        ("sites", table.background_replicates, drawn[1], followed[:, -1]),
     ):
         pad = BentScene(moved, bend, name == "facets", views=4000)
         batches = sum(
@@ -68,13 +75,16 @@ def compared(state: str, samples: int, photons: int) -> list[dict[str, float]]:
                 "se": float(ratio * error),
                 "rms_z": float(np.sqrt((((mean - truth) / np.hypot(se, noise)) ** 2).mean())),
                 "off": float(np.median(off)),
+                "converged_off": float(np.median(np.abs(paths.ravel() / truth - 1.0))),
+                "converged_ratio": float(paths.sum() / truth.sum()),
                 "noise": float(np.median(noise / truth)),
             }
         )
         print(
             f"{state} {name}: renders over photons {ratio:.4f} +- {ratio * error:.4f}, rms z "
             f"{found[-1]['rms_z']:.2f}; preview off by {found[-1]['off']:.1%} (median), "
-            f"{np.percentile(off, 95):.1%} (95 %), noise {found[-1]['noise']:.1%}",
+            f"{np.percentile(off, 95):.1%} (95 %), converged {found[-1]['converged_off']:.1%} "
+            f"(ratio of sums {found[-1]['converged_ratio']:.3f}), noise {found[-1]['noise']:.1%}",
             flush=True,
         )
     return found
@@ -86,6 +96,8 @@ def test_a_state_has_the_light_that_photons_find_in_the_moved_body(state: str) -
         assert abs(found["ratio"] - 1.0) < 4.0 * found["se"]
         assert found["rms_z"] < 1.6
         assert found["off"] < np.hypot(PREVIEW_BOUND, found["noise"])
+        assert found["converged_off"] < np.hypot(CONVERGED_BOUND, found["noise"])
+        assert abs(found["converged_ratio"] - 1.0) < 3.0 * found["se"] + 0.01
 
 
 if __name__ == "__main__":

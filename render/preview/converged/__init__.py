@@ -6,7 +6,6 @@ is followed by compiled paths until it is absorbed; tens of seconds instead of o
 
 from render.preview.converged.cache import (
     NODES,
-    can_converge,
     converged_transport,
     few_paths_transport,
     is_kept,

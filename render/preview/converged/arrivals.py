@@ -21,7 +21,7 @@ from render.geometry import (
     facets,
     fiber_poses,
 )
-from render.preview.converged.block import directions_to_block, patch_area, patch_counts, to_block
+from render.preview.converged.block import directions_to_block, patch_areas, patch_counts, to_block
 from render.preview.converged.color_noise import Halved
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, Receivers, trace_arrivals
@@ -70,6 +70,8 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
     sites, shape = counted_sites(scene), facets(scene, bend)
     uv, chart = declared_sites(scene)[sites, :2], SkinChart(scene, bend)
     azimuth = 2 * np.pi * (np.arange(faces)[:, None] + [-0.25, 0.25, 0.0]) / faces
+    # A state may have turned the sites.
+    azimuth = azimuth - scene.sites.turns[sites, None, None]
     out = radius * (1.0 + FOOT_WIDTH * np.array([0.0, 0.0, 1.0]))
     ring = np.stack([out * np.sin(azimuth), out * np.cos(azimuth)], axis=-1)
     feet = chart.points(uv[:, None, None] + ring)
@@ -150,8 +152,10 @@ def arrivals(
     lit = received.sum(axis=(0, 1))
     grain = np.divide(squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi
 
+    areas = patch_areas(scene)
+
     def scaled(patches: Array, received: Array, grain: Array) -> Arrivals:
-        patches, received = patches / (np.pi * patch_area(scene)), received / np.pi
+        patches, received = patches / (np.pi * areas[:, None]), received / np.pi
         facets, feet = received[:, :faces], received[:, faces : 2 * faces]
         return Arrivals(patches, facets, feet, received[:, 2 * faces], grain)
 

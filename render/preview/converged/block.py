@@ -33,8 +33,16 @@ MAX_COLUMNS = 64
 """Cells along an edge at most."""
 DEGREE = 3
 """Degree of the polynomials in the direction."""
+SAG_STEP = 0.1
+"""Distance of the grid of a skin that is not flat, mm."""
+LEAST_CURVATURE = 1e-6
+"""Curvature of such a skin at least, 1/mm: what a ray's steps are divided by."""
 PATCH_SIDE, MAX_PATCHES = 0.5, 320
 """Side of a patch of the coating in thicknesses of the pad; and how many there are at most."""
+
+
+PLACES = 4
+"""Places along a side of a patch at which its slope is asked."""
 
 
 def to_block(scene: Scene, points: Array) -> Array:
@@ -70,6 +78,7 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
     normal = directions_to_block(shape.normal)[:count]
     corner = to_block(scene, shape.corners[:count, :, 0])
     columns, rows = patch_counts(scene)
+    sag, sinks = skin_sag(scene)
     return Block(
         kappa=kappa,
         level=depth * (1.0 + 0.5 * kappa * depth),
@@ -94,7 +103,29 @@ def bent_block(scene: Scene, bend: float, pressed: bool) -> Block:
         offset=np.einsum("sfi,sfi->sf", normal, corner),
         patch=np.array([columns, rows, half_length, scene.camera.pivot], dtype=np.float64),
         skin=np.array([scene.albedos[0], *(scene.coating.lobe or (0.0, 1.0))]),
+        sag=sag,
+        sinks=sinks,
     )
+
+
+def skin_sag(scene: Scene) -> tuple[Array, Array]:
+    """Return ``sag`` and ``sinks`` of the block: of a skin that is not flat, else empty and 0."""
+    skin, pad = scene.skin, scene.pad
+    if skin is None:
+        return np.zeros((0, 0, 3)), np.zeros(2)
+    x, y = (
+        np.linspace(-0.5 * side, 0.5 * side, max(2, math.ceil(side / SAG_STEP) + 1))
+        for side in (pad.width, pad.length)
+    )
+    at = np.meshgrid(x, y)
+    sag = -np.stack([skin.rise(*at), *skin.slope(*at)], axis=-1)
+    along_x, along_y = (
+        np.abs(np.diff(sag[..., 1:], axis=axis)).sum(axis=-1) / np.diff(lines)[0]
+        for axis, lines in ((1, x), (0, y))
+    )
+    # The largest curvature is at most the larger sum of a row of second derivatives.
+    sharpest = max(float(along_x.max()), float(along_y.max()), LEAST_CURVATURE)
+    return np.ascontiguousarray(sag), np.array([sag[..., 0].max(), sharpest])
 
 
 def wide_from(scene: Scene) -> int:
@@ -116,10 +147,27 @@ def patch_counts(scene: Scene) -> tuple[int, int]:
     return int(np.ceil(pad.width / side)), int(np.ceil(pad.length / side))
 
 
-def patch_area(scene: Scene) -> float:
-    """Return the area of a patch of the untouched coating, mm^2."""
+def patch_areas(scene: Scene) -> Array:
+    """Return the areas of the patches of the untouched coating ``(patch,)``, mm^2."""
     columns, rows = patch_counts(scene)
-    return scene.pad.width * scene.pad.length / (columns * rows)
+    flat = scene.pad.width * scene.pad.length / (columns * rows)
+    if scene.skin is None:
+        return np.full(columns * rows, flat)
+    within = (np.arange(PLACES) + 0.5) / PLACES
+    x, y = (
+        side * ((np.arange(count)[:, None] + within) / count - 0.5)
+        for side, count in ((scene.pad.width, columns), (scene.pad.length, rows))
+    )
+    stretch = skin_stretch(scene, x[None, None], y[:, :, None, None])
+    return np.asarray(flat * stretch.mean(axis=(1, 3)).ravel())
+
+
+def skin_stretch(scene: Scene, x: Array, y: Array) -> Array:
+    """Return the area of the untouched coating at flat places over that of the flat pad."""
+    if scene.skin is None:
+        return np.ones(np.broadcast_shapes(x.shape, y.shape))
+    along_x, along_y = scene.skin.slope(x, y)
+    return np.asarray(np.sqrt(1.0 + along_x**2 + along_y**2))
 
 
 def face_grid(scene: Scene, degree: int = DEGREE) -> FaceGrid:

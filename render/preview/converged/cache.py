@@ -34,18 +34,13 @@ FEW_PATHS = Effort(photons=25_000, paths=4096, arrivals=6_000_000, rounds=1)
 """Paths of `few_paths_transport`."""
 
 
-def can_converge(scene: Scene) -> bool:
-    """Return whether the compiled paths know the pad: flat, or rolled from flat."""
-    return scene.skin is None
-
-
 def converged_transport(
     scene: Scene,
     progress: OnProgress | None = None,
     *,
     effort: Effort | None = None,
 ) -> ConvergedTransport:
-    """Return transport at `NODES` and the scene's own bends, which are one more axis.
+    """Return transport at `NODES` and the scene's own bends or states, which are one more axis.
 
     ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``, ``noise``
     ``(bend,)``; the same bits for any number of threads.
@@ -56,7 +51,7 @@ def converged_transport(
         effort: how many paths (default: `EFFORT`).
     """
     effort = effort or EFFORT
-    bends = scene.bending.angles
+    bends = scene.state_axis
     clock = Clock(len(bends) * task_count(scene, effort), progress)
     return _over_bends([_run(scene, bend, effort, clock) for bend in bends])
 
@@ -80,7 +75,7 @@ def refinements(
         goal: of `ConvergedTransport.noise`, relative, above 0.
         progress: is told of every lamp and facet of a run.
     """
-    bends, cost = scene.bending.angles, task_count(scene, EFFORT)
+    bends, cost = scene.state_axis, task_count(scene, EFFORT)
     clock = Clock(len(bends) * cost, progress)
     runs = [[_run(scene, bend, EFFORT, clock)] for bend in bends]
     while True:
@@ -124,7 +119,7 @@ def _mean_of_runs(runs: list[ConvergedTransport]) -> ConvergedTransport:
 
 def is_kept(scene: Scene) -> bool:
     """Return whether the cache holds converged transport of ``scene`` at all of its bends."""
-    return all(_file(scene, bend, EFFORT).is_file() for bend in scene.bending.angles)
+    return all(_file(scene, bend, EFFORT).is_file() for bend in scene.state_axis)
 
 
 def _file(scene: Scene, bend: float, effort: Effort, seed: int = 0) -> Path:

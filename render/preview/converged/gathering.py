@@ -20,6 +20,7 @@ from render.preview.converged.block import (
     directions_to_block,
     orthonormal_terms,
     patch_counts,
+    skin_stretch,
     term_count,
     to_block,
 )
@@ -110,6 +111,7 @@ def site_points(
         radius = BACKGROUND_RADIUS * scene.indenter.radius * np.sqrt(drawn[:, 6])
     else:
         azimuth = 2 * np.pi * (facet + drawn[:, 5] - 0.5) / scene.indenter.faces
+        azimuth -= scene.sites.turns[site]
         radius = scene.indenter.radius * (1.0 + FOOT_WIDTH * drawn[:, 6])
     offset = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     uv, chart = declared_sites(scene)[site, :2] + radius[:, None] * offset, SkinChart(scene, bend)
@@ -145,6 +147,7 @@ def patch_points(scene: Scene, block: Block, patch: int, count: int, seed: int =
     up = np.stack([np.zeros_like(x), -np.sin(angle), -np.cos(angle)], axis=-1)
     points, normals, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
     find_coating(block, start, up, points, normals, weights)
+    weights *= skin_stretch(scene, x, y)
     drawn = np.ascontiguousarray(drawn[:, :5])
     return Starts(points, normals, NO_SIGHTS, weights / max(weights.sum(), 1.0), drawn, key)
 

@@ -1,4 +1,4 @@
-"""Converged transport of a pad at one bend.
+"""Converged transport of a pad at one bend, or in one state of its skin.
 
 Light that a diffuser has scattered widely is a product, T = U H: ``U`` is what leaves the layer
 (`exit_field`), ``H`` what a facet gets of it (`gathering`). Other light is too narrow for the terms
@@ -10,15 +10,14 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.errors import SceneError
-from render.geometry import counted_sites, flat_fiber_poses
+from render.geometry import counted_sites, flat_fiber_poses, in_state
 from render.preview.beams import shines_past_layers
 from render.preview.bonded import with_bonded_window
 from render.preview.converged.arrivals import (
@@ -60,7 +59,7 @@ WALKING = 3.0
 class Effort:
     """Light paths: ``photons`` of a lamp for its exit field, ``paths`` from a facet.
 
-    ``arrivals`` are photons for all light that is too narrow for it, of all lamps at all bends;
+    ``arrivals`` are photons for all light that is too narrow for it, of all lamps in all states;
     where colors are noisy they are followed ``rounds`` times at most.
     """
 
@@ -113,7 +112,7 @@ def flight_cost(scene: Scene) -> float:
 
 def _flown(scene: Scene, effort: Effort) -> int:
     """Return the photons of a lamp at one bend whose light is too narrow for the exit field."""
-    shares = max(1, int(flies(scene).sum()) * len(scene.bending.angles))
+    shares = max(1, int(flies(scene).sum()) * len(scene.state_axis))
     return max(FEWEST_ARRIVALS, int(effort.arrivals // shares / flight_cost(scene)))
 
 
@@ -144,22 +143,16 @@ def transport_at(
 
     Arguments:
         scene: the sensor.
-        bend: rad in [0, pi].
+        bend: rad in [0, pi], or the number of one of the scene's states.
         phi: ``(node,)`` rad.
         effort: how many paths.
         clock: is ticked, `task_count` times in all; photons that are followed again are added to
             its total.
         seed: of all random numbers.
-
-    Raises:
-        SceneError: the skin is not flat.
     """
-    if scene.skin is not None:
-        raise SceneError(
-            f"skin.shape = {scene.skin.shape}: the converged preview follows light to flat skins "
-            "alone, allowed: no skin; use the preview as drawn (--coarse), or render",
-            field="skin",
-        )
+    if scene.states is not None:
+        effort = replace(effort, arrivals=effort.arrivals // len(scene.state_axis))
+        scene, bend = in_state(scene, bend)
     if scene.by_channel and scene.coating.lobe is not None:
         # How much of the light is in the lobe differs, so each channel has light paths of its own.
         parts = [

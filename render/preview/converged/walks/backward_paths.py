@@ -16,8 +16,8 @@ from render.preview.converged.walks.crossings import (
     BOND,
     COATING,
     FACET,
-    LOWER,
     Block,
+    coating_normal,
     cross_clear,
     face_normal,
     patch_of,
@@ -53,7 +53,7 @@ def find_coating(
         if face == FACET:
             normals[ray] = block.normal[site, facet]
         else:
-            face_normal(block, LOWER, points[ray], normals[ray])
+            coating_normal(block, points[ray], normals[ray])
 
 
 @compiled
@@ -103,7 +103,7 @@ def gather(
                 if face == FACET:
                     n[:] = block.normal[site, facet]
                 else:
-                    face_normal(block, LOWER, p, n)
+                    coating_normal(block, p, n)
                 weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
                 if weight == 0.0:
                     break

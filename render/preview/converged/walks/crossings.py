@@ -1,7 +1,8 @@
 """The bent block as a solid, and where a ray meets the faces of its parts.
 
 The frame is that of `render.preview.converged.walks`. Every face is a plane or a quadric, so the
-way to it has a closed form. Lengths in mm, points and unit directions ``(3,)``.
+way to it has a closed form; but for a skin that is not flat (`way_to_skin`).
+Lengths in mm, points and unit directions ``(3,)``.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from render.compiled import inlined
 straight, and meets an outer one behind it."""
 BLOCK_TOLERANCE = 1e-7
 """mm by which rounding may move a point out of the block."""
+SKIN_STEPS, ON_SKIN = 100, 1e-7
+"""Steps of a ray to a coating that is no plane at most, and mm below it that are on it."""
 
 
 class Block(NamedTuple):
@@ -48,6 +51,9 @@ class Block(NamedTuple):
         offset: ``(site, facet)`` their planes: ``normal . p = offset``.
         patch: ``(4,)`` columns and rows of coating patches, half the pad's length, the pivot.
         skin: ``(3,)`` albedo, specular reflectance and Beckmann roughness of the coating.
+        sag: ``(row, column, 3)`` on an even grid over the clear pad: depth of a flat pad's coating
+            under its crown and its slopes along x and y; empty where it is a plane.
+        sinks: ``(2,)`` the largest depth in ``sag``, and the largest curvature downwards, 1/mm.
     """
 
     kappa: float
@@ -73,6 +79,8 @@ class Block(NamedTuple):
     offset: Array
     patch: Array
     skin: Array
+    sag: Array
+    sinks: Array
 
 
 @inlined
@@ -89,6 +97,62 @@ def way_to(plane: Array, p: Array, d: Array, sign: float) -> float:
     """
     towards = plane[0] * d[1] - plane[1] * d[2]
     return -beyond(plane, p) / towards if sign * towards > 0.0 else math.inf
+
+
+@inlined
+def sag_at(block: Block, x: float, y: float) -> tuple[float, float, float]:
+    """Return depth and slopes along x and y of a coating that is no plane, bilinear on its grid.
+
+    Outside of the pad they are those at its edge.
+    """
+    rows, columns = block.sag.shape[0], block.sag.shape[1]
+    half_length = block.patch[2]
+    y += block.patch[3]  # the pivot
+    across = min(max(0.5 * (x / block.half_width + 1.0), 0.0), 1.0) * (columns - 1)
+    along = min(max(0.5 * (y / half_length + 1.0), 0.0), 1.0) * (rows - 1)
+    i, j = min(int(across), columns - 2), min(int(along), rows - 2)
+    u, v = across - i, along - j
+    low_left, low_right = (1.0 - u) * (1.0 - v), u * (1.0 - v)
+    high_left, high_right = (1.0 - u) * v, u * v
+    a, b, c, d = block.sag[j, i], block.sag[j, i + 1], block.sag[j + 1, i], block.sag[j + 1, i + 1]
+    return (
+        low_left * a[0] + low_right * b[0] + high_left * c[0] + high_right * d[0],
+        low_left * a[1] + low_right * b[1] + high_left * c[1] + high_right * d[1],
+        low_left * a[2] + low_right * b[2] + high_left * c[2] + high_right * d[2],
+    )
+
+
+@inlined
+def way_to_skin(block: Block, p: Array, d: Array, limit: float) -> float:
+    """Return the way (mm) from within the pad to a coating that is no plane, or ``limit``.
+
+    Steps are as long as the coating's largest curvature allows: none passes through it, and on a
+    sphere or cylinder the second or third is on it.
+    """
+    end = p[2] + limit * d[2]
+    if p[2] > block.sinks[0] and end > block.sinks[0]:
+        return limit
+    way = 0.0
+    if p[2] > block.sinks[0]:
+        way = (block.sinks[0] - p[2]) / d[2]
+    bend = block.sinks[1] * (d[0] * d[0] + d[1] * d[1])
+    for _ in range(SKIN_STEPS):
+        depth, along_x, along_y = sag_at(block, p[0] + way * d[0], p[1] + way * d[1])
+        # Room to the coating, straight up, and how it grows along the ray.
+        room = max(p[2] + way * d[2] - depth, 0.0)
+        grows = d[2] - along_x * d[0] - along_y * d[1]
+        if room < ON_SKIN and grows <= 0.0:
+            return min(way, limit)
+        # The first root of room + grows s - bend s^2 / 2.
+        root = math.sqrt(grows * grows + 2.0 * bend * room)
+        if grows < 0.0:
+            step = 2.0 * room / (root - grows)
+        else:
+            step = (grows + root) / bend if bend > 0.0 else math.inf
+        way += step
+        if way >= limit:
+            return limit
+    return min(way, limit)
 
 
 @inlined
@@ -115,6 +179,18 @@ def level_ways(block: Block, p: Array, d: Array) -> tuple[float, float]:
     elif a > 0.0:
         down = (root - b) / (2.0 * a)
     return up, down
+
+
+@inlined
+def coating_normal(block: Block, p: Array, n: Array) -> None:
+    """Write the unit normal into the pad of the untouched coating at ``p``."""
+    n[0], n[1], n[2] = 0.0, block.kappa * p[1], block.kappa * p[2] + 1.0
+    if len(block.sag):
+        _, along_x, along_y = sag_at(block, p[0], p[1])
+        n[0], n[1] = -along_x, -along_y
+    scale = 1.0 / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    for k in range(3):
+        n[k] *= scale
 
 
 @inlined
@@ -180,6 +256,10 @@ def cross_clear(block: Block, below: bool, p: Array, d: Array) -> tuple[float, i
     if to < way:
         way, face = to, BASE
     way = max(way, 0.0)
+    if len(block.sag):
+        before = way_to_skin(block, p, d, way)
+        if before < way:
+            way, face = before, COATING
     if len(block.sites):
         # As far as the lower face may reach, a pyramid is met first or not at all.
         before, site, facet = meet_pyramids(block, p, d, way)
@@ -229,12 +309,13 @@ def cross_layer(block: Block, p: Array, d: Array) -> tuple[float, int]:
 def within(block: Block, p: Array) -> bool:
     """Return whether the block holds a point, but for rounding."""
     level = level_of(block, p)
+    top = sag_at(block, p[0], p[1])[0] if len(block.sag) else 0.0
     return (
         p[0] <= block.half_width + block.rims[RIGHT] + BLOCK_TOLERANCE
         and -p[0] <= block.half_width + block.rims[LEFT] + BLOCK_TOLERANCE
         and beyond(block.start, p) >= -BLOCK_TOLERANCE
         and beyond(block.end, p) <= BLOCK_TOLERANCE
-        and level >= -BLOCK_TOLERANCE
+        and level >= top - BLOCK_TOLERANCE
         and level <= block.level + BLOCK_TOLERANCE
     )
 

@@ -19,10 +19,10 @@ from render.preview.converged.walks.crossings import (
     BLOCK_TOLERANCE,
     BOND,
     COATING,
-    LOWER,
     NONE,
     UPPER,
     Block,
+    coating_normal,
     cross_clear,
     enter_block,
     face_normal,
@@ -320,7 +320,7 @@ def trace_arrivals(
                     patches[patch, node] += weight * weights[ray, node]
                 if block.skin[1] == 0.0 or uniform(state) >= block.skin[1]:
                     break
-                face_normal(block, LOWER, p, n)
+                coating_normal(block, p, n)
                 weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
                 if weight > 0.0:
                     receive_from_coating(

@@ -9,7 +9,7 @@ from scipy import stats
 from render.geometry import declared_sites, fiber_poses
 from render.preview.converged import Effort, block, transport, transport_at
 from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
-from render.preview.converged.block import bent_block, patch_area
+from render.preview.converged.block import bent_block, patch_areas
 from render.preview.converged.launching import launched
 from render.preview.diffuser.cache import fiber_ends
 from render.preview.diffuser.emission import radiance_of_nodes
@@ -84,7 +84,8 @@ def test_without_refraction_the_coating_gets_what_a_lamp_sends_into_its_solid_an
         seen = np.where(cosine > 0, cosine * end.radiance(np.arccos(cosine)), 0.0)
         received = end.peak_intensity * seen * to[:, 2] / distance**3
         expected += received.mean() * pad.width * pad.length / len(disk)
-    found = np.pi * arrived(scene, lamp, 200_000).patches.sum() * patch_area(scene)
+    patches = arrived(scene, lamp, 200_000).patches[:, 0]
+    found = np.pi * (patches * patch_areas(scene)).sum()
     assert found == pytest.approx(expected, rel=0.02)
 
 

@@ -10,7 +10,7 @@ from render.geometry import fresnel
 from render.preview.bonded import with_bonded_window
 from render.preview.converged import Effort, transport_at
 from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
-from render.preview.converged.block import bent_block, patch_area, patch_counts
+from render.preview.converged.block import bent_block, patch_areas, patch_counts
 from render.preview.converged.gathering import gathered, patch_points
 from render.progress import Clock
 from render.scene import Scene
@@ -38,7 +38,7 @@ def test_upright_light_from_below_loses_what_two_faces_reflect() -> None:
     content["lamps"][0]["direction"]["value"] = [0.0, 0.0, 1.0]
     content["lamps"][0]["profile"] = {"cosine_exponent": {"value": 100.0, "source": "a beam"}}
     scene = Scene.model_validate(content)
-    power = np.pi * arrived(scene, 0, 20_000).patches.sum() * patch_area(scene)
+    power = np.pi * (arrived(scene, 0, 20_000).patches[:, 0] * patch_areas(scene)).sum()
     air, bond = ((1.6 - 1.0) / 2.6) ** 2, ((1.6 - 1.41) / 3.01) ** 2
     # What the bond reflects comes back from the lower face in part.
     passed = (1.0 - air) * (1.0 - bond) / (1.0 - air * bond)
@@ -73,7 +73,10 @@ def test_what_the_faces_below_send_back_of_diffuse_light_is_what_an_endless_slab
 def test_a_window_of_nearly_the_pads_index_is_more_of_the_pad() -> None:
     nearly, same = with_index(CASE, 1.410001), with_bonded_window(with_index(CASE, 1.41))
     sums = [
-        [arrived(scene, lamp, 60_000).patches.sum() * patch_area(scene) for lamp in range(3)]
+        [
+            (arrived(scene, lamp, 60_000).patches[:, 0] * patch_areas(scene)).sum()
+            for lamp in range(3)
+        ]
         for scene in (nearly, same)
     ]
     np.testing.assert_allclose(*sums, rtol=0.02)
