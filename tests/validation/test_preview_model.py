@@ -25,7 +25,6 @@ from scipy.stats import kendalltau
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites
 from render.metric import clip_counts, design_score, site_metric
-from render.preview.converged import can_converge
 from render.reference import render_transport
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene, load_scene
@@ -191,9 +190,9 @@ def measured(
         truth = Truth(cells.T, cells.se)
     if file is not None:
         write_npz(file, truth._asdict())
-    previews = [preview_checker(scene, coarse=True)]
-    if can_converge(scene):
-        previews += few_paths_checker(scene), preview_checker(scene)
+    previews = [
+        preview_checker(scene, coarse=True), few_paths_checker(scene), preview_checker(scene),
+    ]  # fmt: skip
     straight = np.full((1, scene.lamp_count), np.pi / 2)
     metric = previews[-1].run(straight, baseline_power(scene)[None], np.array(scene.state_axis))
     mean = float(design_score(metric["metric"]).mean[0])

@@ -20,7 +20,7 @@ from scipy import stats
 
 from optimize.design import baseline_design
 from render.preview import Preview
-from render.preview.converged import Effort, can_converge, transport_at
+from render.preview.converged import Effort, transport_at
 from render.progress import Clock
 from render.reference import render_transport
 from render.scene import load_scene
@@ -52,8 +52,8 @@ class Agreement:
     noise: float
 
 
-def agreements(name: str, samples: int, effort: Effort) -> tuple[Agreement, Agreement | None]:
-    """Compare the shader's preview and the converged one, where there is one.
+def agreements(name: str, samples: int, effort: Effort) -> tuple[Agreement, Agreement]:
+    """Compare the shader's preview and the converged one.
 
     ``samples`` are photons per lamp, or of a render per cell.
     """
@@ -64,10 +64,8 @@ def agreements(name: str, samples: int, effort: Effort) -> tuple[Agreement, Agre
     with Preview(scene) as preview:
         light = preview.transport(phi[:, None], flat)[0].sum(axis=(0, 1)).ravel()
     assert (phi == np.pi / 2).all()
-    converged = None
-    if can_converge(scene):
-        lamps = transport_at(scene, 0.0, np.array([np.pi / 2]), effort, Clock(1, None)).cells
-        converged = lamps[:, 0, :, :-1].sum(axis=0).ravel()
+    lamps = transport_at(scene, 0.0, np.array([np.pi / 2]), effort, Clock(1, None)).cells
+    converged = lamps[:, 0, :, :-1].sum(axis=0).ravel()
     began = time.perf_counter()
     if scene.diffuser is None:
         planes = scene.skin is None
@@ -81,7 +79,7 @@ def agreements(name: str, samples: int, effort: Effort) -> tuple[Agreement, Agre
     seconds = time.perf_counter() - began
     print(f"{name}: {light.size} facets, truth in {seconds:.0f} s", flush=True)
     noise = float(np.median(se / truth))
-    followed = None if converged is None else _agreement("converged", converged, truth, noise)
+    followed = _agreement("converged", converged, truth, noise)
     return _agreement("shader", light, truth, noise), followed
 
 
@@ -114,8 +112,7 @@ def _agreement(level: str, light: np.ndarray, truth: np.ndarray, noise: float) -
 def test_the_previews_are_near_the_truth(name: str, samples: int) -> None:
     shader, converged = agreements(name, samples, QUICK)
     assert shader.off < np.hypot(BOUND, shader.noise)
-    if converged is not None:
-        assert converged.off < np.hypot(CONVERGED_BOUND, converged.noise)
+    assert converged.off < np.hypot(CONVERGED_BOUND, converged.noise)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,113 @@
+"""Both previews of pads of all kinds against analog photons, lamp by lamp and together.
+
+Level 2 is held against the same photons in ``tests.validation.test_clear_pads``.
+
+From the command line: ``python -m tests.validation.test_pad_previews [--arrivals N] [CASE ...]``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from render.preview import Preview
+from render.preview.converged import Effort, transport_at
+from render.progress import Clock
+from tests.long import LONG
+from tests.oracles.kept_photons import PHI, WHOLE, photons_kept
+from tests.oracles.pads import scene_of_case
+
+ARRIVALS = 6_000_000 if LONG else 2_000_000
+DRAWN, CONVERGED = "as drawn", "converged"
+FAST = (
+    "white, mirror and black walls", "white walls rough 0.1", "mirrors all round, lit from below",
+    "cast in", "cast into a rim rough 0.1", "rim on left and right rough 0.1",
+    "rim on tip and base, painted", "window lit at its edges rough 0.05", "dome", "mesh",
+)  # fmt: skip
+MEDIAN_OF_NORMAL = 0.6745
+"""Median of the absolute value, in standard deviations."""
+
+
+class Deviation(NamedTuple):
+    """Of cells from the photons'.
+
+    Arguments:
+        ratio: of sums, and its ``error``.
+        median: of |cell / truth - 1| over cells; ``p95`` its 95th percentile.
+        noise: what the photons' own noise makes of the median.
+    """
+
+    ratio: float
+    error: float
+    median: float
+    p95: float
+    noise: float
+
+
+def deviation(cells: np.ndarray, truth: np.ndarray) -> Deviation:
+    """Return that of ``(cell,)`` from ``(batch, cell)`` of photons."""
+    mean, se = truth.mean(axis=0), stats.sem(truth, axis=0)
+    known = np.isfinite(mean) & (mean > 0.0)
+    off = np.abs(cells[known] / mean[known] - 1.0)
+    whole = truth[:, known].sum(axis=1)
+    return Deviation(
+        float(cells[known].sum() / whole.mean()),
+        float(stats.sem(whole) / whole.mean()),
+        float(np.median(off)),
+        float(np.quantile(off, 0.95)),
+        float(MEDIAN_OF_NORMAL * np.median(se[known] / mean[known])),
+    )
+
+
+class Told(NamedTuple):
+    """What a level says of the facets, or sites, of a pad: of each lamp, and of all ``together``."""
+
+    level: str
+    target: str
+    lamps: list[Deviation]
+    together: Deviation
+
+
+def deviations(case: str, arrivals: int) -> Iterator[Told]:
+    """Yield those of both previews, of facets and of sites."""
+    scene, phi = scene_of_case(case), np.array([PHI])
+    bend = scene.bending.angles[0]
+    effort = Effort(photons=60_000, paths=8192, arrivals=arrivals)
+    with Preview(scene) as preview:
+        drawn = [each[:, 0, 0] for each in preview.transport(phi, np.array([bend]))]
+    followed = transport_at(scene, bend, phi, effort, Clock(1, None)).cells[:, 0]
+    for level, facets, sites in (
+        (DRAWN, *drawn),
+        (CONVERGED, followed[..., :-1], followed[..., -1]),
+    ):
+        for target, cells in (("facets", facets), ("sites", sites)):
+            light = cells.reshape(scene.lamp_count, -1)
+            truth = photons_kept(case, pressed=target == "facets")
+            lamps = [deviation(light[lamp], truth[:, lamp]) for lamp in range(scene.lamp_count)]
+            yield Told(level, target, lamps, deviation(light.sum(axis=0), truth.sum(axis=1)))
+
+
+def main() -> None:
+    """Print what both levels say of the cases that are named, or of all."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=", ".join(WHOLE))
+    parser.add_argument("--arrivals", type=int, default=ARRIVALS)
+    chosen = parser.parse_args()
+    for case in chosen.cases or WHOLE:
+        for level, target, lamps, together in deviations(case, chosen.arrivals):
+            worst = max(lamps, key=lambda lamp: abs(lamp.ratio - 1.0))
+            print(
+                f"{case:38s} {target:6s} {level:9s} ratio {together.ratio:.3f} +- "
+                f"{together.error:.3f} (worst lamp {worst.ratio:.3f} +- {worst.error:.3f}), off by "
+                f"{together.median:.1%} (95 %: {together.p95:.1%}), noise {together.noise:.1%}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
