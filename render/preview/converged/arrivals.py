@@ -3,11 +3,13 @@
 For lamps whose light is too narrow for the exit field: it enters through a clear face, or passes a
 thin layer. Analog photons fly through the untouched pad as it is bent. What a facet gets is what
 passes near it, taken to be alike within a disk of about the size of the pyramid; its error is of
-the second order in that radius.
+the second order in that radius. Narrow beams have smaller disks, down to those that spread light as
+far as the facet itself does.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -21,7 +23,14 @@ from render.geometry import (
     facets,
     fiber_poses,
 )
-from render.preview.converged.block import directions_to_block, patch_areas, patch_counts, to_block
+from render.geometry.visibility import BACKGROUND_RADIUS
+from render.preview.converged.block import (
+    beam_widths,
+    directions_to_block,
+    patch_areas,
+    patch_counts,
+    to_block,
+)
 from render.preview.converged.color_noise import Halved
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, Receivers, trace_arrivals
@@ -34,6 +43,11 @@ PHOTONS_AT_A_TIME = 100_000
 """Bounds the memory, and is the step of progress."""
 DISK = 1.0
 """Radius within which light is taken to be alike, in radii of the pyramid."""
+BEAM_PART = 0.4
+"""The same of a narrow beam, in widths of it (`beam_widths`)."""
+OWN_DISK = 1.0 / math.sqrt(6.0)
+"""Radius of the disk whose points spread as far as those of a facet of a pyramid with six faces, in
+radii of the pyramid; that of an untouched spot is its own."""
 
 
 class Arrivals(NamedTuple):
@@ -89,10 +103,18 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
         normal=directions_to_block(normal),
         corners=np.ascontiguousarray(to_block(scene, corners)),
         shaded=np.arange(2 * faces + 1) < 2 * faces,
-        radius=DISK * radius,
+        radius=np.full(2 * faces + 1, DISK * radius),
         reach=float(apart) + DISK * radius,
         sights=_onto_receivers(sights, len(sites), faces),
     )
+
+
+def narrowed(receivers: Receivers, width: float, radius: float) -> Receivers:
+    """Return receivers for a beam of a width (mm), at pyramids of a radius (mm)."""
+    own = np.full(len(receivers.radius), OWN_DISK * radius)
+    own[-1] = BACKGROUND_RADIUS * radius
+    disks = np.clip(BEAM_PART * width, own, DISK * radius)
+    return receivers._replace(radius=disks)
 
 
 def _onto_receivers(sights: Array | None, sites: int, faces: int) -> Array:
@@ -130,6 +152,7 @@ def arrivals(
     """
     columns, rows = patch_counts(scene)
     faces = scene.indenter.faces
+    receivers = narrowed(receivers, float(beam_widths(scene)[lamp]), scene.indenter.radius)
     nodes = len(phi) if fiber_poses(scene, bend).turns[lamp] else 1
     patches, squares = np.zeros((columns * rows, nodes)), np.zeros(nodes)
     received = np.zeros((*receivers.center.shape[:2], nodes))

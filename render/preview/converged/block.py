@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import curvature, facets
+from render.geometry import curvature, facets, fiber_poses
 from render.preview.converged.walks import (
     BASE,
     END,
@@ -39,6 +40,8 @@ LEAST_CURVATURE = 1e-6
 """Curvature of such a skin at least, 1/mm: what a ray's steps are divided by."""
 PATCH_SIDE, MAX_PATCHES = 0.5, 320
 """Side of a patch of the coating in thicknesses of the pad; and how many there are at most."""
+PATCH_WIDTHS = 2.0
+"""Side of a patch in widths of the narrowest beam at most."""
 
 
 PLACES = 4
@@ -140,10 +143,31 @@ def wide_from(scene: Scene) -> int:
     return math.ceil(1.0 / (1.0 - abs(layer.g)))
 
 
+def beam_widths(scene: Scene) -> Array:
+    """Return how wide (mm) the light of each lamp is where it first gets to a site, ``(lamp,)``.
+
+    That is the radius of its end and, in quadrature, that of its cone, to where a Gaussian profile
+    has its ``sigma_v``; straight, on the flat pad.
+    """
+    angle = np.linspace(0.0, np.pi / 2, 901)[:-1]
+    sites = facets(scene, scene.bending.angles[0]).site_position
+    widths = []
+    for lamp, place in zip(
+        scene.placed_lamps(), fiber_poses(scene, scene.bending.angles[0]).position, strict=True
+    ):
+        intensity = lamp.profile.radiance(angle) * np.cos(angle)
+        cone = angle[intensity > np.exp(-0.25) * intensity.max()].max()
+        way = np.linalg.norm(sites - place, axis=-1).min()
+        widths.append(np.hypot(0.5 * lamp.diameter, cone * way))
+    return np.array(widths)
+
+
+@lru_cache(maxsize=64)
 def patch_counts(scene: Scene) -> tuple[int, int]:
-    """Return columns and rows of the coating's patches."""
+    """Return columns and rows of the coating's patches: as fine as the narrowest beam asks."""
     pad = scene.pad
-    side = max(PATCH_SIDE * pad.thickness, np.sqrt(pad.width * pad.length / MAX_PATCHES))
+    side = min(PATCH_SIDE * pad.thickness, PATCH_WIDTHS * float(beam_widths(scene).min()))
+    side = max(side, np.sqrt(pad.width * pad.length / MAX_PATCHES))
     return int(np.ceil(pad.width / side)), int(np.ceil(pad.length / side))
 
 

@@ -59,7 +59,8 @@ class Receivers(NamedTuple):
         center, normal: ``(site, receiver, 3)``; normals are unit and point into the pad.
         corners: ``(site, receiver, 3, 3)`` of a triangle on which shadows are looked for.
         shaded: ``(receiver,)`` whether pyramids hide light from it.
-        radius: of the disk parallel to the coating, about the center, over which light is alike.
+        radius: ``(receiver,)`` of the disk parallel to the coating, about the center, over which
+            light is taken to be alike.
         reach: radius of a ball about a site that holds all of its disks.
         sights: ``(site, receiver, sight, 3)`` unit directions of lines of sight onto receivers, as
             likely as each other; none where the coating has no lobe.
@@ -71,7 +72,7 @@ class Receivers(NamedTuple):
     normal: Array
     corners: Array
     shaded: NDArray[np.bool_]
-    radius: float
+    radius: Array
     reach: float
     sights: Array
 
@@ -112,7 +113,6 @@ def receive(
     The light is taken to be alike within ``receivers.radius``, and carried over to a point of the
     receiver, which another pyramid may hide from it. ``e`` and ``y`` ``(3,)`` are scratch.
     """
-    share = 1.0 / (math.pi * receivers.radius * receivers.radius)
     for site in range(len(receivers.site)):
         along = squared = down = 0.0
         for k in range(3):
@@ -128,14 +128,15 @@ def receive(
                 cos -= receivers.normal[site, part, k] * d[k]
                 height += (receivers.center[site, part, k] - p[k]) * receivers.inward[site, k]
             to = height / down
+            radius = receivers.radius[part]
             # The coating may bend away before the plane of the receiver.
-            if cos <= 0.0 or to < 0.0 or to > way + receivers.radius:
+            if cos <= 0.0 or to < 0.0 or to > way + radius:
                 continue
             squared = 0.0
             for k in range(3):
                 off = p[k] + to * d[k] - receivers.center[site, part, k]
                 squared += off * off
-            if squared > receivers.radius * receivers.radius:
+            if squared > radius * radius:
                 continue
             if receivers.shaded[part]:
                 draw_point(receivers, site, part, state, y)
@@ -144,7 +145,7 @@ def receive(
                 _, hidden, _ = meet_pyramids(pressed, y, e, to)
                 if hidden >= 0:
                     continue
-            factor = scale * share * cos / -down
+            factor = scale / (math.pi * radius * radius) * cos / -down
             sights = receivers.sights.shape[2]
             if sights > 0:
                 sight = min(sights - 1, int(uniform(state) * sights))
@@ -165,13 +166,12 @@ def receive_along_bend(
     below the coating, in the same direction relative to it. Light that skims the coating is that
     deep twice, and meets pyramids on its way off the coating, too.
     """
-    share = 1.0 / (math.pi * receivers.radius * receivers.radius)
     faces, axis = pressed.normal.shape[1], 1.0 / pressed.kappa
     across = d[1] * d[1] + d[2] * d[2]
     if across < 1e-12:
         return
     nearing = (p[1] * d[1] + (p[2] + axis) * d[2]) / across
-    reach = receivers.reach + receivers.radius
+    reach = receivers.reach + receivers.radius.max()
     for site in range(len(receivers.site)):
         along = squared = 0.0
         for k in range(3):
@@ -201,7 +201,8 @@ def receive_along_bend(
                 turned_sin = (r * sin - q * cos) / radius
                 turned_cos = (r * cos + q * sin) / radius
                 arc = radius * math.atan2(turned_sin, turned_cos)
-                if x * x + arc * arc > receivers.radius * receivers.radius:
+                wide = receivers.radius[part]
+                if x * x + arc * arc > wide * wide:
                     continue
                 e[0] = d[0]
                 e[1] = d[1] * turned_cos + d[2] * turned_sin
@@ -214,7 +215,7 @@ def receive_along_bend(
                         facing -= receivers.normal[site, part, k] * e[k]
                 if facing <= 0.0 or abs(down) < SKIMMING:
                     continue
-                factor = scale * share * facing / abs(down)
+                factor = scale / (math.pi * wide * wide) * facing / abs(down)
                 sights = receivers.sights.shape[2]
                 if sights > 0:
                     sight = min(sights - 1, int(uniform(state) * sights))
