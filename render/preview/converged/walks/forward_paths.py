@@ -102,7 +102,7 @@ def add_light(received: Array, squares: Array, factor: float, weights: Array) ->
 @inlined
 def receive(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
-    scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
+    free: bool, scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
 ) -> None:  # fmt: skip
     """Add light on its way from ``p`` along ``d`` to the receivers that it passes.
 
@@ -111,7 +111,9 @@ def receive(
 
     ``way`` is that to the face it meets next; ``scale`` times ``weights`` ``(weight,)`` its power.
     The light is taken to be alike within ``receivers.radius``, and carried over to a point of the
-    receiver, which another pyramid may hide from it. ``e`` and ``y`` ``(3,)`` are scratch.
+    receiver, which another pyramid may hide from it; where it is not ``free``, one has ended it
+    before. It meets pyramids from above as well as from below. ``e`` and ``y`` ``(3,)`` are
+    scratch.
     """
     for site in range(len(receivers.site)):
         along = squared = down = 0.0
@@ -120,9 +122,11 @@ def receive(
             along += to * d[k]
             squared += to * to
             down += d[k] * receivers.inward[site, k]
-        if down >= -1e-9 or squared - along * along > receivers.reach * receivers.reach:
+        if abs(down) < 1e-9 or squared - along * along > receivers.reach * receivers.reach:
             continue
         for part in range(receivers.center.shape[1]):
+            if receivers.shaded[part] and not free:
+                continue
             cos = height = 0.0
             for k in range(3):
                 cos -= receivers.normal[site, part, k] * d[k]
@@ -145,7 +149,7 @@ def receive(
                 _, hidden, _ = meet_pyramids(pressed, y, e, to)
                 if hidden >= 0:
                     continue
-            factor = scale / (math.pi * radius * radius) * cos / -down
+            factor = scale / (math.pi * radius * radius) * cos / abs(down)
             sights = receivers.sights.shape[2]
             if sights > 0:
                 sight = min(sights - 1, int(uniform(state) * sights))
@@ -157,7 +161,7 @@ def receive(
 @inlined
 def receive_along_bend(
     pressed: Block, receivers: Receivers, state: State, p: Array, d: Array, way: float,
-    scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
+    free: bool, scale: float, weights: Array, received: Array, squares: Array, e: Array, y: Array,
 ) -> None:  # fmt: skip
     """Do as `receive` in a bent pad, whose coating is convex seen from within.
 
@@ -181,6 +185,8 @@ def receive_along_bend(
         if squared - along * along > reach * reach or along < -reach or along > way + reach:
             continue
         for part in range(receivers.center.shape[1]):
+            if receivers.shaded[part] and not free:
+                continue
             draw_point(receivers, site, part, state, y)
             # Chords of the coating lie a hair beyond it.
             level = max(level_of(pressed, y), 0.0)
@@ -297,7 +303,7 @@ def trace_arrivals(
         if weight > 0.0 and layer:
             left, face, scattered = walk_layer(state, block, p, d, n, m)
             weight *= left if scattered < block.wide else 0.0
-        trapped = 0
+        trapped, free = 0, True
         for _ in range(MAX_EVENTS):
             trapped = trapped + 1 if below else 0
             if weight == 0.0 or trapped > most:
@@ -305,14 +311,17 @@ def trace_arrivals(
             way, face, _, _ = cross_clear(block, below, p, d)
             if block.kappa > 0.0:
                 receive_along_bend(
-                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares,
-                    e, y,
+                    pressed, receivers, state, p, d, way, free, weight, weights[ray], received,
+                    squares, e, y,
                 )  # fmt: skip
             elif not below:
                 receive(
-                    pressed, receivers, state, p, d, way, weight, weights[ray], received, squares,
-                    e, y,
+                    pressed, receivers, state, p, d, way, free, weight, weights[ray], received,
+                    squares, e, y,
                 )  # fmt: skip
+            if free and not below:
+                _, met, _ = meet_pyramids(pressed, p, d, way)
+                free = met < 0
             for k in range(3):
                 p[k] += way * d[k]
             if face == COATING:
@@ -323,7 +332,7 @@ def trace_arrivals(
                     break
                 coating_normal(block, p, n)
                 weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
-                if weight > 0.0:
+                if weight > 0.0 and free:
                     receive_from_coating(
                         pressed, receivers, p, d, weight, weights[ray], received, squares
                     )
