@@ -16,7 +16,9 @@ from render.preview.diffuser.emission import radiance_of_nodes
 from render.progress import Clock
 from render.scene import Scene
 from tests.oracles.analog_cells import AnalogScene
+from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.mesh_cells import BentScene
+from tests.oracles.pads import scene_of_case
 from tests.oracles.random_scenes import random_scene
 from tests.surrogate.conftest import small_scene
 
@@ -104,6 +106,22 @@ def test_cells_of_a_clear_rough_pad_are_those_of_analog_photons() -> None:
         assert cells.sum() == pytest.approx(truth.sum(), abs=3 * spread + 0.02 * truth.sum())
         error = (cells - truth) / np.hypot(noise, 0.02 * truth)
         assert np.sqrt(np.mean(error**2)) < 1.5
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param("random 13", id="light that goes down from lamps near the skin"),
+        pytest.param("cast in index 1.7", id="light that circles, past pyramids that would end it"),
+        pytest.param("narrow 6 deg", id="beams that are narrower than pyramids"),
+    ],
+)
+def test_facets_have_the_light_of_analog_photons(case: str) -> None:
+    scene, effort = scene_of_case(case), Effort(paths=1024, arrivals=800_000)
+    found = transport_at(scene, 0.0, np.array([PHI]), effort, quiet()).cells[:, 0, :, :-1]
+    truth = photons_kept(case, pressed=True).sum(axis=-1)
+    light = found.reshape(scene.lamp_count, -1).sum(axis=-1)
+    assert light == pytest.approx(truth.mean(axis=0), rel=0.06)
 
 
 @pytest.mark.slow
