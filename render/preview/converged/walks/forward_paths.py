@@ -237,35 +237,6 @@ def receive_along_bend(
 
 
 @compiled
-def receive_from_coating(
-    pressed: Block, receivers: Receivers, p: Array, d: Array, scale: float, weights: Array,
-    received: Array, squares: Array,
-) -> None:  # fmt: skip
-    """Add light that leaves the coating at ``p`` along ``d`` to the facet that it meets, if any.
-
-    It has gone by where `receive` looks, and what the coating's lobe sends to pyramids beside it
-    is little: this counts it as it arrives. Arguments and results as there.
-    """
-    _, site, facet = meet_pyramids(pressed, p, d, math.inf)
-    if site < 0:
-        return
-    sights = receivers.sights.shape[2]
-    for index in range(len(receivers.site)):
-        apart = 0.0
-        for k in range(3):
-            apart += abs(receivers.site[index, k] - pressed.sites[site, k])
-        if apart > 1e-6:
-            continue
-        corners, normal = receivers.corners[index, facet], pressed.normal[site, facet]
-        sides = corners[1] - corners[0], corners[2] - corners[0]
-        area = 0.5 * float(np.linalg.norm(np.cross(sides[0], sides[1])))
-        mean = 0.0
-        for sight in range(sights):
-            mean += sent_to(pressed, d, receivers.sights[index, facet, sight], normal) / sights
-        add_light(received[index, facet], squares, float(scale * mean / area), weights)
-
-
-@compiled
 def trace_arrivals(
     block: Block, pressed: Block, receivers: Receivers, origin: Array, direction: Array,
     weights: Array, key: int, number: int, patches: Array, received: Array, squares: Array,
@@ -332,10 +303,6 @@ def trace_arrivals(
                     break
                 coating_normal(block, p, n)
                 weight *= reflect_lobe(block, d, n, uniform(state), uniform(state), m)
-                if weight > 0.0 and free:
-                    receive_from_coating(
-                        pressed, receivers, p, d, weight, weights[ray], received, squares
-                    )
                 continue
             if face == BOND:
                 below = meet_bond(block, below, d, uniform(state))
