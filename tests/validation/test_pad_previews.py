@@ -55,7 +55,9 @@ def deviations(case: str, arrivals: int) -> Iterator[Told]:
         for target, cells in (("facets", facets), ("sites", sites)):
             light = cells.reshape(scene.lamp_count, -1)
             truth = photons_kept(case, pressed=target == "facets")
-            lamps = [deviation(light[lamp], truth[:, lamp]) for lamp in range(scene.lamp_count)]
+            # A lamp may light nothing at all.
+            lit = [lamp for lamp in range(scene.lamp_count) if np.nansum(truth[:, lamp]) > 0.0]
+            lamps = [deviation(light[lamp], truth[:, lamp]) for lamp in lit]
             yield Told(level, target, lamps, deviation(light.sum(axis=0), truth.sum(axis=1)))
 
 
