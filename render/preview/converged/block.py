@@ -34,8 +34,8 @@ MAX_COLUMNS = 64
 """Cells along an edge at most."""
 DEGREE = 3
 """Degree of the polynomials in the direction."""
-SAG_STEP = 0.1
-"""Distance of the grid of a skin that is not flat, mm."""
+SAG_STEP, MAX_SAGS = 0.1, 513
+"""Distance of the grid of a skin that is not flat, mm, and its places along a side at most."""
 LEAST_CURVATURE = 1e-6
 """Curvature of such a skin at least, 1/mm: what a ray's steps are divided by."""
 PATCH_SIDE, MAX_PATCHES = 0.5, 320
@@ -117,7 +117,7 @@ def skin_sag(scene: Scene) -> tuple[Array, Array]:
     if skin is None:
         return np.zeros((0, 0, 3)), np.zeros(2)
     x, y = (
-        np.linspace(-0.5 * side, 0.5 * side, max(2, math.ceil(side / SAG_STEP) + 1))
+        np.linspace(-0.5 * side, 0.5 * side, min(math.ceil(side / SAG_STEP) + 1, MAX_SAGS))
         for side in (pad.width, pad.length)
     )
     at = np.meshgrid(x, y)
