@@ -39,6 +39,8 @@ def scene_on_window(case: str) -> Scene:
     if name == "digit":
         content["pad"]["thickness"]["value"] = 2.0
         content["pad"]["index"]["value"] = 1.41
+        for lamp in content["lamps"]:
+            lamp["position"]["value"][2] = height
     if name == "digit" or index == "1.49":
         for row in content["rows"]:
             row["height"]["value"] = height
