@@ -29,6 +29,15 @@ FAST = (
     "cast in", "cast into a rim rough 0.1", "rim on left and right rough 0.1",
     "rim on tip and base, painted", "window lit at its edges rough 0.05", "dome",
 )  # fmt: skip
+DRAWN_WELL = tuple(case for case in FAST if "window" not in case)
+"""What the preview as drawn leaves out matters little there."""
+KNOWN = (
+    "narrow", "narrow 6 deg", "narrow rough 0.03", "narrow, clear rim", "thin rim narrow",
+    "far small lamp rough 0.01", "no face", "wide no face", "sharp lobe no face", "mixed 6",
+    "random 0", "random 7", "random 9", "random 13", "random 20", "random 21",
+)  # fmt: skip
+"""Where the converged preview is known to be off by more (RESULTS.md): narrow beams, in air, and
+lamps that light facets over the whole pad."""
 
 
 class Told(NamedTuple):
@@ -63,15 +72,18 @@ def deviations(case: str, arrivals: int) -> Iterator[Told]:
 
 @pytest.mark.parametrize("case", WHOLE if LONG else FAST)
 def test_previews_have_the_light_of_analog_photons(case: str) -> None:
-    for level, _, lamps, together in deviations(case, ARRIVALS):
-        if level == DRAWN:
-            # It leaves light out that some pads have much of, and says so: not there.
-            assert case not in FAST or together.median < together.noise + 0.07
-            continue
-        assert abs(together.ratio - 1.0) < 3.5 * together.error + (0.02 if case in FAST else 0.06)
-        assert together.median < together.noise + (0.03 if case in FAST else 0.12)
-        for lamp in lamps:
-            assert abs(lamp.ratio - 1.0) < 3.5 * lamp.error + (0.04 if case in FAST else 0.15)
+    whole, cell, single = (0.06, 0.12, 0.15) if case in KNOWN else (0.02, 0.03, 0.04)
+    for level, target, lamps, together in deviations(case, ARRIVALS):
+        if level == CONVERGED:
+            assert abs(together.ratio - 1.0) < 3.0 * together.error + whole
+            assert together.median < together.noise + cell
+            for lamp in lamps:
+                assert abs(lamp.ratio - 1.0) < 3.5 * lamp.error + single
+        elif case in DRAWN_WELL:
+            assert together.median < np.hypot(0.05, together.noise)
+            if target == "sites" and "rim on" in case:
+                for lamp in lamps:
+                    assert lamp.median < np.hypot(0.06, lamp.noise)
 
 
 def main() -> None:

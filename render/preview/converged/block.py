@@ -143,6 +143,7 @@ def wide_from(scene: Scene) -> int:
     return math.ceil(1.0 / (1.0 - abs(layer.g)))
 
 
+@lru_cache(maxsize=64)
 def beam_widths(scene: Scene) -> Array:
     """Return how wide (mm) the light of each lamp is where it first gets to a site, ``(lamp,)``.
 
@@ -162,7 +163,6 @@ def beam_widths(scene: Scene) -> Array:
     return np.array(widths)
 
 
-@lru_cache(maxsize=64)
 def patch_counts(scene: Scene) -> tuple[int, int]:
     """Return columns and rows of the coating's patches: as fine as the narrowest beam asks."""
     pad = scene.pad

@@ -1,8 +1,8 @@
 """The bent block as a solid, and where a ray meets the faces of its parts.
 
 The frame is that of `render.preview.converged.walks`. Every face is a plane or a quadric, so the
-way to it has a closed form; but for a skin that is not flat (`way_to_skin`).
-Lengths in mm, points and unit directions ``(3,)``.
+way to it has a closed form, but for a skin that is not flat (`way_to_skin`). Lengths in mm, points
+and unit directions ``(3,)``.
 """
 
 from __future__ import annotations
