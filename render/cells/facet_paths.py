@@ -21,6 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, MetLamp
+from render.cells.lamp_images import NO_IMAGE
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import ImageChain, MirrorImages
@@ -117,11 +118,11 @@ def trace_facet_subpath(
             if lamp.light.cast_in is not None:
                 straight &= segment.d_vcm == 0.0
             if lamp.images is not None:
-                segment.image = lamp.images.none
+                segment.image = mi.UInt32(NO_IMAGE)
                 if straight:
                     segment.image = lamp.image(facet, launched, travelled, begin, segment.d)
                 segment.facet_d_vcm = mi.Float(launched_d_vcm)
-                straight &= segment.image == lamp.images.none
+                straight &= segment.image == NO_IMAGE
                 travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
             followed += dr.select(behind, mi.UInt32(1), 0)
             straight &= followed < AIMED_EVENTS
@@ -235,8 +236,9 @@ def radiance_per_node(
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
         if lamp.images is not None:
-            numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - 5 * JOINED_STRIDE)
-            found.append(lamp.images.joined(scene, lamp.fiber, camera.facet, numbers, guiding))
+            number = (last + 1) * LIGHT_EVENTS - 1 - offset - 5 * JOINED_STRIDE
+            which, point = stream.event(number - JOINED_STRIDE), stream.event(number)
+            found.append(lamp.images.joined(scene, lamp.fiber, camera.facet, which, point, guiding))
         if aimed is not None:
             number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
             found.append(aimed.light(scene, camera.facet, stream, number))

@@ -19,7 +19,7 @@ import mitsuba as mi
 
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim, Way
-from render.cells.lamp_images import LampImages
+from render.cells.lamp_images import NO_IMAGE, LampImages
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -233,8 +233,8 @@ class AimedSubpaths:
             if self.lamp.images is not None:
                 # Images that facets are joined to are left to camera subpaths.
                 image = self.lamp.image(facet, direction, travelled, begin, segment.d)
-                passed &= image == self.lamp.images.none
-                segment.image = self.lamp.images.none
+                passed &= image == NO_IMAGE
+                segment.image = mi.UInt32(NO_IMAGE)
                 travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)

@@ -7,20 +7,19 @@ for their error bars to know. Unfolded over the walls (image method) each is one
 facets are joined to a point on the image of the lamp's end (next event estimation), and the balance
 heuristic (Veach 1997, sec. 9.2) compares that with the subpaths that meet it.
 
-Images are numbered by the cell of the unfolded pad that they lie in, as in
-``render.cells.lamp_ways``. Those that ``LampAim`` knows are left to it.
+An image is the cell of the unfolded pad that it lies in, as in ``render.cells.lamp_ways``, packed
+into one number. Those that ``LampAim`` knows are left to it; near ones are drawn from a table, by
+what they send, and far ones by a formula (``render.cells.far_cells``).
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.cells.far_cells import FarCells, has_far_cells
 from render.cells.fiber_light import FiberLight, LampRay
-from render.cells.lamp_ways import box_image, wall_reflections
 from render.cells.mirror_images import mirror_faces
 from render.cells.repeated_images import RepeatedImages
 from render.geometry import LOWER
@@ -31,7 +30,7 @@ from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
 
 CELL_MAX = 40
-"""Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
+"""Cells up to it, in either direction, are in the table; those beyond are far."""
 CELLS = 2 * CELL_MAX + 1
 DEPTHS = 8
 """Cells in z, 0 to -7: the lower face may reflect, and in turn with it the top of a rim."""
@@ -40,6 +39,11 @@ RIM_CELL_MAX = 5
 RIM_SHARE = 0.05
 """What of the coating sees those, about: the top of a rim is narrow."""
 CODES = DEPTHS * CELLS**2
+"""Near cells, numbered in the table."""
+ORIGIN, STEP = 1 << 11, 1 << 12
+"""x and y of a cell are packed as so much more, so much apart; more than ``RING_MAX`` is none."""
+NO_IMAGE = (1 << 32) - 1
+"""What stands for no image."""
 AIMED_CELL_MAX = 1
 """Cells up to here are known to ``LampAim``."""
 LEAST_SHARE = 1e-7
@@ -50,8 +54,10 @@ GRID = 3
 """Points of the coating along x and y at which shares of images are estimated."""
 COSINE_MIN = 0.05
 """Least cosine at the coating in shares: facets are tilted."""
-ROW = 12
-"""Numbers of an image: sign and shift (3 each), and how often each side reflects (6)."""
+OUTER = 10
+"""Last rings of the table, which tell what lies beyond it."""
+BEYOND = np.log(8.0)
+"""By how many factors of e in distance coatings see far images, about: pyramids are in the way."""
 
 
 class LampImages:
@@ -62,119 +68,140 @@ class LampImages:
         # These have the top of a rim as well.
         self.light, self.mirrors = light, RepeatedImages(scene)
         low, high = scene.box.low, scene.box.high
-        cells = _cells(scene)
-        lamps = np.flatnonzero(_cast_in(scene))
-        lamp_of = np.repeat(lamps, len(cells)).astype(np.uint32)
-        code_of = np.tile([_code(cell) for cell in cells], len(lamps))
-        rows = np.array(
-            [[*np.concatenate(box_image(low, high, cell)), *wall_reflections(cell)]
-             for cell in cells]
-        )  # fmt: skip
-        self._rows = mi.Float(np.tile(rows, (len(lamps), 1)).astype(np.float32).ravel())
+        cells = np.array(_cells(scene))
+        lamps = np.flatnonzero(_cast_in(scene)).tolist()
         self._low, self._size = mi.Vector3f(*low.tolist()), mi.Vector3f(*(high - low).tolist())
-        self._none = mi.UInt32(len(lamp_of))
-        dr.make_opaque(self._rows, self._low, self._size, self._none)
-        share = self._shares(scene, lamp_of, cells)
-        drawn = np.full((scene.lamp_count, SLOTS), len(lamp_of), dtype=np.uint32)
-        chosen = np.zeros(len(lamp_of) + 1)
-        table = np.full((scene.lamp_count, CODES + 1), len(lamp_of), dtype=np.uint32)
+        dr.make_opaque(self._low, self._size)
+        images, codes = _packed(cells), _code(cells)
+        self._far_cells: FarCells | None = None
+        reaches_far = np.abs(cells[:, :2]).max(axis=0).min() == CELL_MAX
+        if reaches_far and has_far_cells(scene):
+            below = bool((cells[:, 2] == -1).any())
+            self._far_cells = FarCells(scene, CELL_MAX + 1, below=below)
+        drawn = np.full((scene.lamp_count, SLOTS), NO_IMAGE, dtype=np.uint32)
+        chosen = np.zeros((scene.lamp_count, CODES + 1), dtype=np.float32)
+        far = np.zeros(scene.lamp_count, dtype=np.float32)
+        outer = np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER
         for lamp in lamps:
-            own = np.flatnonzero((lamp_of == lamp) & (share > LEAST_SHARE))
+            share = self._shares(scene, lamp, images, cells)
+            own = np.flatnonzero(share > LEAST_SHARE)
             if not len(own):
                 continue
             # Each has one slot at least.
             count = 1 + np.floor((SLOTS - len(own)) * share[own]).astype(np.int64)
             count[count.argmax()] += SLOTS - count.sum()
-            drawn[lamp] = np.repeat(own, count)
-            chosen[own] = count / SLOTS
-            table[lamp, code_of[own]] = own
-        self._drawn, self._table = mi.UInt32(drawn.ravel()), mi.UInt32(table.ravel())
-        self._chosen = mi.Float(chosen.astype(np.float32))
-        dr.make_opaque(self._drawn, self._table, self._chosen)
+            drawn[lamp] = np.repeat(images[own], count)
+            if self._far_cells is not None:
+                # Each ring sends 1 / r of what the first would.
+                tail = share[outer].sum() * (CELL_MAX - OUTER / 2) / OUTER * BEYOND
+                far[lamp] = tail / (1.0 + tail)
+            chosen[lamp, codes[own]] = (1.0 - far[lamp]) * count / SLOTS
+        self._drawn, self._chosen = mi.UInt32(drawn.ravel()), mi.Float(chosen.ravel())
+        self._far = mi.Float(far)
+        dr.make_opaque(self._drawn, self._chosen, self._far)
 
-    def _shares(
-        self, scene: Scene, lamp_of: np.ndarray, cells: list[tuple[int, int, int]]
-    ) -> np.ndarray:
-        """Return what part of the light of its lamp's images each sends to the coating."""
+    def _shares(self, scene: Scene, lamp: int, images: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Return what part of the light of a lamp's near images each sends to the coating."""
         low, high = scene.box.low, scene.box.high
         step = (np.arange(GRID) + 0.5) / GRID
         x, y = np.meshgrid(low[0] + (high - low)[0] * step, low[1] + (high - low)[1] * step)
         points = GRID**2
-        lane = dr.arange(mi.UInt32, len(lamp_of) * points)
-        entry, at = lane // points, lane % points
+        lane = dr.arange(mi.UInt32, len(images) * points)
+        image, at = dr.gather(mi.UInt32, mi.UInt32(images), lane // points), lane % points
         p = mi.Point3f(
             dr.gather(mi.Float, mi.Float(x.ravel()), at),
             dr.gather(mi.Float, mi.Float(y.ravel()), at),
             mi.Float(float(scene.pad.thickness)),
         )
-        lamp = dr.gather(mi.UInt32, mi.UInt32(lamp_of), entry)
         # Each with a point of the lamp's end of its own (R3 sequence).
         u, v, w = (mi.Float(at) * each for each in (0.8191725, 0.6710436, 0.5497005))
         u, v, w = (each - dr.floor(each) for each in (u, v, w))
-        direction, distance, ray = self.line(entry, lamp, p, u, mi.Point2f(v, w))
+        direction, distance, ray = self.line(image, mi.UInt32(lamp), p, u, mi.Point2f(v, w))
         level = mi.Float(0.0)
         for value in ray.radiance:
             level += value / len(ray.radiance)
-        sent = level * self.reflected(entry, direction) / dr.square(distance)
+        sent = level * self.reflected(image, direction) / dr.square(distance)
         sent *= dr.maximum(-direction.z, COSINE_MIN)
-        strength = np.array(sent, dtype=np.float64).reshape(len(lamp_of), points).mean(axis=1)
-        strength[np.tile([z < -1 for _, _, z in cells], len(strength) // len(cells))] *= RIM_SHARE
-        total = np.bincount(lamp_of, strength, minlength=scene.lamp_count)[lamp_of]
-        return np.divide(strength, total, out=np.zeros(len(lamp_of)), where=total > 0)
+        strength = np.array(sent, dtype=np.float64).reshape(len(images), points).mean(axis=1)
+        strength[cells[:, 2] < -1] *= RIM_SHARE
+        total = strength.sum()
+        return strength / total if total > 0 else np.zeros(len(images))
 
     # -- which image ----------------------------------------------------------------------------
 
     def along(self, lamp: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.UInt32:
         """Return the image of ``lamp`` that is met on the way from ``a`` by ``direction`` (mm).
 
-        That is unfolded, and as long as the way is. `none` where there is no such image.
+        That is unfolded, and as long as the way is. ``NO_IMAGE`` where there is none that is drawn.
         """
         end = (a + direction - self._low) / self._size
         x, y, z = (dr.floor(end[i]) for i in range(3))
-        known = (dr.abs(x) <= CELL_MAX) & (dr.abs(y) <= CELL_MAX) & (z <= 0) & (z > -DEPTHS)
-        number = ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
-        code = dr.select(known, mi.UInt32(dr.maximum(number, 0.0)), CODES)
-        return dr.gather(mi.UInt32, self._table, lamp * (CODES + 1) + code)
+        known = (dr.abs(x) < ORIGIN) & (dr.abs(y) < ORIGIN) & (z <= 0) & (z > -DEPTHS)
+        x, y, z = (dr.select(known, each, 0.0) for each in (x, y, z))
+        image = _packed_number(mi.Int32(x), mi.Int32(y), mi.Int32(z))
+        return dr.select(known & (self.probability(lamp, image) > 0), image, NO_IMAGE)
 
-    def drawn(self, lamp: mi.UInt32, number: mi.Float) -> mi.UInt32:
-        """Return an image of ``lamp`` for a uniform ``number``."""
-        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
-        return dr.gather(mi.UInt32, self._drawn, lamp * SLOTS + slot)
+    def drawn(self, lamp: mi.UInt32, numbers: Numbers) -> mi.UInt32:
+        """Return an image of ``lamp`` for uniform ``numbers``."""
+        number, distance, place, sign = numbers
+        far = dr.gather(mi.Float, self._far, lamp)
+        near = (number - far) / (1.0 - far)
+        slot = dr.minimum(mi.UInt32(dr.maximum(near, 0.0) * SLOTS), SLOTS - 1)
+        image = dr.gather(mi.UInt32, self._drawn, lamp * SLOTS + slot)
+        if self._far_cells is None:
+            return image
+        x, y, z, there = self._far_cells.drawn(distance, place, sign)
+        beyond = dr.select(there, _packed_number(x, y, z), NO_IMAGE)
+        return dr.select(number < far, beyond, image)
 
-    def probability(self, entry: mi.UInt32) -> mi.Float:
-        """Return the probability with which an image is `drawn`."""
-        return dr.gather(mi.Float, self._chosen, entry)
+    def probability(self, lamp: mi.UInt32, image: mi.UInt32) -> mi.Float:
+        """Return the probability with which an image of ``lamp`` is `drawn`."""
+        x, y, z = self._cell(image)
+        near = (dr.abs(x) <= CELL_MAX) & (dr.abs(y) <= CELL_MAX)
+        code = dr.select(near, ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z, CODES)
+        chosen = dr.gather(mi.Float, self._chosen, lamp * (CODES + 1) + mi.UInt32(code))
+        if self._far_cells is None:
+            return chosen
+        far = dr.gather(mi.Float, self._far, lamp)
+        return chosen + far * self._far_cells.probability(mi.Float(x), mi.Float(y), mi.Float(z))
 
-    @property
-    def none(self) -> mi.UInt32:
-        """What stands for no image."""
-        return self._none
-
-    def _row(self, entry: mi.UInt32, first: int, count: int) -> list[mi.Float]:
-        base = ROW * dr.minimum(entry, self._none - 1) + first
-        return [dr.gather(mi.Float, self._rows, base + i) for i in range(count)]
+    def _cell(self, image: mi.UInt32) -> list[mi.Int32]:
+        """Return x, y and z of an image; far away for ``NO_IMAGE``."""
+        level = image // DEPTHS
+        z = -mi.Int32(image % DEPTHS)
+        return [mi.Int32(level // STEP) - ORIGIN, mi.Int32(level % STEP) - ORIGIN, z]
 
     def reflected(
-        self, entry: mi.UInt32, direction: mi.Vector3f, *, chance: bool = False
+        self, image: mi.UInt32, direction: mi.Vector3f, *, chance: bool = False
     ) -> mi.Float:
         """Return what all mirrors on the way reflect, or the chance to be reflected by them."""
-        counts = self._row(entry, 6, 6)
         through = mi.Float(1.0)
-        for side, count in enumerate(counts):
-            plane = mi.UInt32(3 * (side // 2) + 1 + side % 2)
-            both = self.mirrors.met_at(plane, direction[side // 2])
-            once = both[1] if chance else both[0]
-            through *= dr.select(count > 0, dr.power(once, count), 1.0)
+        for axis, cell in enumerate(self._cell(image)):
+            times = dr.abs(cell)
+            # The side that the way goes to is the first to reflect.
+            upper = (times + dr.select(cell > 0, 1, 0)) // 2
+            for side, met in enumerate((times - upper, upper)):
+                both = self.mirrors.met_at(mi.UInt32(3 * axis + 1 + side), direction[axis])
+                once, count = both[1] if chance else both[0], mi.Float(met)
+                through *= dr.select(count > 0, dr.power(once, count), 1.0)
         return through
 
     # -- lines ----------------------------------------------------------------------------------
 
+    def _unfolding(self, image: mi.UInt32) -> tuple[mi.Vector3f, mi.Vector3f]:
+        """Return sign and shift (mm) of images: that of p is sign * p + shift."""
+        sign, shift = mi.Vector3f(1.0), mi.Vector3f(0.0)
+        for axis, cell in enumerate(self._cell(image)):
+            odd, moved = (cell & 1) != 0, mi.Float(cell) * self._size[axis]
+            sign[axis] = dr.select(odd, -1.0, 1.0)
+            shift[axis] = moved + dr.select(odd, 2.0 * self._low[axis] + self._size[axis], 0.0)
+        return sign, shift
+
     def line(
-        self, entry: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
+        self, image: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
     ) -> tuple[mi.Vector3f, mi.Float, LampRay]:
         """Return direction and length of the line from ``a`` to an image, and what it carries."""
-        row = self._row(entry, 0, 6)
-        sign, shift = mi.Vector3f(row[:3]), mi.Vector3f(row[3:])
+        sign, shift = self._unfolding(image)
         point = self.light.sample_position(lamp, pick, square)[0]
         # The image of ``a`` sees the lamp where it is.
         seen_from = sign * (mi.Vector3f(a) - shift)
@@ -185,39 +212,41 @@ class LampImages:
         return sign * folded, distance, ray
 
     def joined(
-        self, scene: mi.Scene, lamp: mi.UInt32, a: Vertex, numbers: Numbers,
+        self, scene: mi.Scene, lamp: mi.UInt32, a: Vertex, which: Numbers, numbers: Numbers,
         guiding: GuidingDistribution,
     ) -> list[mi.Float]:  # fmt: skip
-        """Return, per direction node, the light of one image joined to facets ``a``."""
-        pick, node, x, y = numbers
-        entry = self.drawn(lamp, pick)
-        direction, distance, ray = self.line(entry, lamp, a.p, node, mi.Point2f(x, y))
-        density = ray.joined * self.probability(entry)
+        """Return, per direction node, the light of one image joined to facets ``a``.
+
+        ``which`` draws the image, and ``numbers`` a point of it.
+        """
+        node, x, y, _ = numbers
+        image = self.drawn(lamp, which)
+        direction, distance, ray = self.line(image, lamp, a.p, node, mi.Point2f(x, y))
+        density = ray.joined * self.probability(lamp, image)
         active = (a.weight > 0) & (density > 0)
         f, pdf, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         pdf = guided_pdf(guiding, a, direction, pdf)
         active &= dr.max(f) > 0
         carried, transmittance = self._followed(scene, a, direction, distance, active)
-        by_chance = pdf * self.reflected(entry, direction, chance=True)
+        by_chance = pdf * self.reflected(image, direction, chance=True)
         value = channel_mean(a.beta * f * transmittance) * carried * a.weight
         value /= density + by_chance
         return [dr.select(active & (each > 0), each * value, 0.0) for each in ray.radiance]
 
     def strategies(
-        self, entry: mi.UInt32, lamp: mi.UInt32, a: Vertex, folded: mi.Vector3f,
+        self, image: mi.UInt32, lamp: mi.UInt32, a: Vertex, folded: mi.Vector3f,
         d_vcm: mi.Float,
     ) -> mi.Float:  # fmt: skip
         """Return the density of joining over that of a camera subpath that met an image of a lamp.
 
         The subpath left the facet ``a`` with a density of 1 / ``d_vcm`` and meets the lamp along
-        ``folded``; 0 for `none`. Transmittances are in neither density, here and in `joined`.
+        ``folded``; 0 for ``NO_IMAGE``. Transmittances are in neither density, here and in `joined`.
         """
-        row = self._row(entry, 0, 6)
-        sign, shift = mi.Vector3f(row[:3]), mi.Vector3f(row[3:])
+        sign, shift = self._unfolding(image)
         seen_from = mi.Point3f(sign * (mi.Vector3f(a.p) - shift))
         ray = self.light.ray(lamp, seen_from, -folded)
-        density = ray.joined * self.probability(entry)
-        chance = self.reflected(entry, sign * folded, chance=True)
+        density = ray.joined * self.probability(lamp, image)
+        chance = self.reflected(image, sign * folded, chance=True)
         return dr.select(density > 0, density * d_vcm / dr.maximum(chance, 1e-12), 0.0)
 
     @dr.syntax
@@ -289,7 +318,18 @@ def _cells(scene: Scene) -> list[tuple[int, int, int]]:
     ]
 
 
-def _code(cell: Sequence[int]) -> int:
-    """Return the number of a cell among CODES."""
-    x, y, z = cell
+def _code(cells: np.ndarray) -> np.ndarray:
+    """Return the numbers of near cells ``(cell, 3)`` in the table."""
+    x, y, z = cells.T
     return ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
+
+
+def _packed(cells: np.ndarray) -> np.ndarray:
+    """Return cells ``(cell, 3)`` as images."""
+    x, y, z = cells.T
+    return (((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS - z).astype(np.uint32)
+
+
+def _packed_number(x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+    """Return a cell as an image."""
+    return mi.UInt32(((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS - z)

@@ -42,6 +42,12 @@ from tests.oracles.skin_lobe import (
 PITCH = 0.1
 """Of the grid of bins on the flat coating, mm, at most."""
 SUBDIVISIONS = 4
+"""Of an edge of a facet into bins where beams are wide."""
+NARROW, FINER = np.radians(7.0), 4
+"""Beams of which light changes much across a bin, rad; bins of their pads are so much smaller.
+
+No pixel shows the rim of a facet. With bins of a quarter of it, facets in the tail of a beam of
+2.5 deg had 5 to 10 % too much light, and with ones of a sixteenth what quadrature has."""
 OVERSAMPLING = 16
 SIDES = ("left", "right", "base", "tip", "lower")
 FILM = 0.01
@@ -95,7 +101,7 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         apex=apex,
         normal=normal,
         radius=probe.radius,
-        subdivisions=SUBDIVISIONS,
+        subdivisions=SUBDIVISIONS * finer_for_beams(scene),
         # One pitch divides both sides nearly; the last bins are cut by the pad's border.
         pitch=max(pad.width / columns, pad.length / rows),
         columns=columns,
@@ -103,6 +109,16 @@ def analog_pad(scene: Scene, *, indented: bool) -> Pad:
         specular=scene.coating.specular or 0.0,
         lobe=scene.coating.roughness or 1.0,
     )
+
+
+def finer_for_beams(scene: Scene) -> int:
+    """Return how many times smaller than usual bins of the coating are, for narrow beams."""
+    if scene.fibers is not None:
+        widths = [scene.fibers.sigma_v]
+    else:
+        lamps = (*(scene.rows or ()), *(scene.lamps or ()))
+        widths = [lamp.profile.sigma_v or np.pi for lamp in lamps]
+    return FINER if min(widths) < NARROW else 1
 
 
 def rim_on(scene: Scene, edge: str) -> float:

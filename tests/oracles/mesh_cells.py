@@ -15,7 +15,14 @@ from scipy import sparse, stats
 from render.geometry import camera_origin, fiber_poses, flat_fiber_poses
 from render.geometry.meshes import pad_meshes
 from render.scene import Scene
-from tests.oracles.analog_cells import AnalogCells, face_paint, face_roughness, rim_on, target_rays
+from tests.oracles.analog_cells import (
+    AnalogCells,
+    face_paint,
+    face_roughness,
+    finer_for_beams,
+    rim_on,
+    target_rays,
+)
 from tests.oracles.analog_tracer import BASE, LEFT, LOWER, RIGHT, TIP, UPPER, Floats, Lamp
 from tests.oracles.mesh_lobe import trace_photons_to_mesh_sights
 from tests.oracles.mesh_tracer import (
@@ -39,7 +46,7 @@ from tests.oracles.skin_lobe import Sights, sights_by_bin
 CELL = 0.8
 """Size of the cells that sort the triangles, mm."""
 PITCH = 0.25
-"""Longest side of a tally bin, mm."""
+"""Longest side of a tally bin where beams are wide, mm."""
 OVERSAMPLING = 16
 
 
@@ -63,9 +70,10 @@ def mesh_pad(scene: Scene, bend: float, *, indented: bool) -> MeshPad:
     edges = corner[:, 1:] - corner[:, :1]
     normal = np.cross(edges[:, 0], edges[:, 1])
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    pitch = PITCH / finer_for_beams(scene)
     splits = np.where(
         (kind_of == COATED)[:, None],
-        np.maximum(1, np.ceil(np.linalg.norm(edges, axis=-1) / PITCH)),
+        np.maximum(1, np.ceil(np.linalg.norm(edges, axis=-1) / pitch)),
         0,
     ).astype(np.int64)
     bins = splits.prod(axis=1)

@@ -7,8 +7,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from render.cells.far_cells import FarCells, has_far_cells
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_images import CELL_MAX, SLOTS, LampImages, has_lamp_images
+from render.cells.lamp_images import CELL_MAX, NO_IMAGE, LampImages, has_lamp_images
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
@@ -50,26 +51,25 @@ def test_the_image_in_a_direction_is_the_one_that_a_line_to_it_was_drawn_for(
     import mitsuba as mi
 
     images, rng = images_of(scene), np.random.default_rng(1)
-    count = int(np.array(images.none)[0])
-    entry = rng.integers(0, count, COUNT).astype(np.uint32)
-    at = rng.uniform([-7, -9], [7, 9], (COUNT, 2))
-    a = np.column_stack([at, np.full(COUNT, scene.pad.thickness)])
-    # One lamp after another has the same cells.
-    lamp = entry // (count // scene.lamp_count)
-    pick, x, y = rng.random((3, COUNT))
+    lamp = rng.integers(0, scene.lamp_count, COUNT).astype(np.uint32)
+    image = drawn_images(images, lamp, rng)
+    lamp, image = lamp[image != NO_IMAGE], image[image != NO_IMAGE]
+    count = len(image)
+    at = rng.uniform([-7, -9], [7, 9], (count, 2))
+    a = np.column_stack([at, np.full(count, scene.pad.thickness)])
+    pick, x, y = rng.random((3, count))
     direction, distance, _ = images.line(
-        mi.UInt32(entry), mi.UInt32(lamp), mi.Point3f(a.T), mi.Float(pick), mi.Point2f(x, y)
+        mi.UInt32(image), mi.UInt32(lamp), mi.Point3f(a.T), mi.Float(pick), mi.Point2f(x, y)
     )
     way = np.array(direction).T * np.array(distance)[:, None]
     found = np.array(images.along(mi.UInt32(lamp), mi.Point3f(a.T), mi.Vector3f(way.T)))
-    kept = found != count
-    assert 0.02 < kept.mean() <= 1.0
-    np.testing.assert_array_equal(found[kept], entry[kept])
+    np.testing.assert_array_equal(found, image)
     low, high = scene.box.low, scene.box.high
     for start, full, number in zip(a[:50], way[:50], lamp[:50], strict=True):
         where = folded(low, high, start + full)
         middle = scene.placed_lamps()[number]
-        assert np.linalg.norm(where - middle.position) < 0.51 * middle.diameter + 1e-3
+        rounding = 1e-3 + 1e-6 * np.linalg.norm(full)
+        assert np.linalg.norm(where - middle.position) < 0.51 * middle.diameter + rounding
 
 
 def folded(low: np.ndarray, high: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -78,19 +78,65 @@ def folded(low: np.ndarray, high: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.asarray(low + np.minimum(turns, 2 * (high - low) - turns))
 
 
+def drawn_images(images: LampImages, lamp: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return an image of each lamp for random numbers."""
+    import mitsuba as mi
+
+    numbers = [mi.Float(row) for row in rng.random((4, len(lamp)))]
+    return np.array(images.drawn(mi.UInt32(lamp), tuple(numbers)))
+
+
 def test_every_image_that_is_drawn_is_drawn_as_often_as_it_says(
     mono: ModuleType, scene: Scene
 ) -> None:
     import mitsuba as mi
 
-    images = images_of(scene)
-    number = (np.arange(SLOTS) + 0.5) / SLOTS
+    images, count = images_of(scene), 2_000_000
     for lamp in range(scene.lamp_count):
-        entry = images.drawn(mi.UInt32(np.full(len(number), lamp)), mi.Float(number))
-        found, times = np.unique(np.array(entry), return_counts=True)
-        said = np.array(images.probability(mi.UInt32(found)))
-        np.testing.assert_allclose(times / len(number), said, atol=1e-6)
-        assert said.sum() == pytest.approx(1.0)
+        image = drawn_images(images, np.full(count, lamp), np.random.default_rng(lamp))
+        found, times = np.unique(image[image != NO_IMAGE], return_counts=True)
+        said = np.array(images.probability(mi.UInt32(lamp), mi.UInt32(found)))
+        often = times > 50
+        z = (times - count * said)[often] / np.sqrt(count * said[often])
+        assert np.abs(z).max() < 5.5
+        assert abs(np.mean(z**2) - 1.0) < 5.0 * np.sqrt(2.0 / often.sum())
+        # Rare ones are drawn as often as they say together.
+        rare = count * said[~often].sum()
+        unseen = count * (1.0 - said.sum())
+        assert times[~often].sum() < rare + unseen + 5.0 * np.sqrt(rare + unseen)
+
+
+@pytest.mark.parametrize("size", [(20.0, 24.0), (31.0, 11.0)])
+def test_all_far_cells_together_are_drawn_once(mono: ModuleType, size: tuple[float, float]) -> None:
+    """Ring r has first / r - first / (r + 1), so rings up to R have 1 - first / (R + 1)."""
+    import mitsuba as mi
+
+    scene = scene_of_case("cast in index 1.7")
+    pad = scene.pad.model_copy(update={"width": size[0], "length": size[1]})
+    first, last = 5, 60
+    far = FarCells(scene.model_copy(update={"pad": pad}), first, below=True)
+    x, y = (each.ravel().astype(float) for each in np.mgrid[-80:81, -80:81])
+    chance = np.array(
+        [far.probability(mi.Float(x), mi.Float(y), mi.Float(float(z))) for z in (1, 0, -1, -2)]
+    )
+    assert not chance[[0, 3]].any()
+    ring = np.maximum(np.abs(x), np.abs(y))
+    assert not chance[:, ring < first].any()
+    assert chance[:, ring <= last].sum() == pytest.approx(1.0 - first / (last + 1), rel=1e-5)
+    # In mm, light there meets both pairs of walls at more than the angle of total reflection.
+    steepest = np.maximum(np.abs(x) * size[0], np.abs(y) * size[1]) / np.hypot(
+        x * size[0], y * size[1]
+    ).clip(1.0)
+    total = steepest < np.sqrt(1.0 - 1.7**-2.0)
+    outer = (ring >= 40) & (ring <= last)
+    assert (chance[1][outer & total] > 0.0).all()
+    lost = outer & (steepest > np.sqrt(1.0 - 1.7**-2.0) + 0.03)
+    assert not chance[1][lost].any()
+
+
+@pytest.mark.parametrize(("case", "there"), [("cast in", False), ("cast in index 1.7", True)])
+def test_far_images_are_those_of_an_index_above_the_root_of_two(case: str, there: bool) -> None:
+    assert has_far_cells(scene_of_case(case)) == there
 
 
 def test_images_carry_what_total_reflection_at_all_faces_leaves(mono: ModuleType) -> None:
@@ -103,11 +149,11 @@ def test_images_carry_what_total_reflection_at_all_faces_leaves(mono: ModuleType
     a = mi.Point3f(0.0, 0.0, 7.7)
     seen = []
     for direction in (slanted, steep):
-        entry = [
+        met = [
             images.along(mi.UInt32(0), a, mi.Float([way]) * direction)
             for way in np.linspace(30, 20 * CELL_MAX, 200)
         ]
-        known = [each for each in entry if int(each[0]) != int(images.none[0])]
+        known = [each for each in met if int(each[0]) != NO_IMAGE]
         seen.append([float(images.reflected(each, direction)[0]) for each in known])
     assert len(seen[0]) > 20
     np.testing.assert_allclose(seen[0], 1.0, rtol=1e-4)
