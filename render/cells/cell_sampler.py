@@ -255,6 +255,7 @@ class PadSampler:
             self.guiding(fiber) if self.seen else None,
             self.passable,
             self.lobed,
+            self.lamp_images,
         )
 
 

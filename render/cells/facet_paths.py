@@ -104,8 +104,9 @@ def trace_facet_subpath(
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     followed = mi.UInt32(0)  # events that an aimed subpath would have taken
-    launched, launched_d_vcm = mi.Vector3f(0.0), mi.Float(0.0)  # how it left the facet
-    travelled = mi.Float(0.0)  # and mm since then
+    # The last diffuse surface, how it was left, and mm since then, all over mirrors or not.
+    launch, launched, launched_d_vcm = mi.Point3f(0.0), mi.Vector3f(0.0), mi.Float(0.0)
+    later, travelled, mirrored = mi.Bool(False), mi.Float(0.0), mi.Bool(False)
     while active:
         segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -118,10 +119,10 @@ def trace_facet_subpath(
             if lamp.light.cast_in is not None:
                 straight &= segment.d_vcm == 0.0
             if lamp.images is not None:
-                segment.image = mi.UInt32(NO_IMAGE)
-                if straight:
-                    segment.image = lamp.image(facet, launched, travelled, begin, segment.d)
-                segment.facet_d_vcm = mi.Float(launched_d_vcm)
+                if mirrored & (segment.d_vcm == 0.0):
+                    segment.image = lamp.image(later, launch, launched, travelled, begin, segment.d)
+                segment.later, segment.launch = mi.Bool(later), mi.Point3f(launch)
+                segment.launch_d_vcm = mi.Float(launched_d_vcm)
                 straight &= segment.image == NO_IMAGE
                 travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
             followed += dr.select(behind, mi.UInt32(1), 0)
@@ -182,9 +183,13 @@ def trace_facet_subpath(
             own = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
             share = dr.select(is_facet, own, share)
         if lamp is not None and lamp.images is not None:
-            launched = dr.select(is_facet, state.d, launched)
-            launched_d_vcm = dr.select(is_facet, state.d_vcm, launched_d_vcm)
-            travelled = dr.select(is_facet, 0.0, travelled)
+            launches = arrived & v.diffuse & ~v.volume
+            mirrored = launches | (mirrored & (~arrived | v.delta))
+            later = dr.select(launches, ~is_facet, later)
+            launch = dr.select(launches, v.p, launch)
+            launched = dr.select(launches, state.d, launched)
+            launched_d_vcm = dr.select(launches, state.d_vcm, launched_d_vcm)
+            travelled = dr.select(launches, 0.0, travelled)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     for kept in (glossy, end):
@@ -226,7 +231,7 @@ def radiance_per_node(
             sums[j] += radiance * weight
         path += 1
     if lamp is not None:
-        found = [lamp.met(camera.met, camera.facet)]
+        found = [lamp.met(camera.met)]
         # A bare coating sees the lamp, or one in the pad; otherwise only the pad's faces do.
         glossy, end = camera.glossy.vertex, camera.end.vertex
         last_vertices = [camera.facet, end] if lamp.bare else [glossy]
@@ -237,8 +242,14 @@ def radiance_per_node(
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
         if lamp.images is not None:
             number = (last + 1) * LIGHT_EVENTS - 1 - offset - 5 * JOINED_STRIDE
-            which, point = stream.event(number - JOINED_STRIDE), stream.event(number)
-            found.append(lamp.images.joined(scene, lamp.fiber, camera.facet, which, point, guiding))
+            for later, vertex in ((False, camera.facet), (True, end)):
+                which, point = stream.event(number - JOINED_STRIDE), stream.event(number)
+                found.append(
+                    lamp.images.joined(
+                        scene, lamp.fiber, mi.Bool(later), vertex, which, point, guiding
+                    )
+                )
+                number -= 2 * JOINED_STRIDE
         if aimed is not None:
             number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
             found.append(aimed.light(scene, camera.facet, stream, number))

@@ -25,12 +25,9 @@ WIDER = 1
 class FarCells:
     """The cells of rings from ``first`` on, of a flat pad with four mirrors around it."""
 
-    def __init__(self, scene: Scene, first: int, *, below: bool) -> None:
-        """Take the angles of total reflection from the scene; ``below`` says the lower face is met.
-
-        Cells have z 0, or -1 as well.
-        """
-        self.first, self.levels = first, 2 if below else 1
+    def __init__(self, scene: Scene, first: int, levels: dict[int, float]) -> None:
+        """Take the angles of total reflection from the scene, and what of cells have which z."""
+        self.first, self.levels = first, levels
         size = (scene.box.high - scene.box.low)[:2]
         most = _steepest(scene)
         # Cells in y over cells in x, at least and at most.
@@ -61,14 +58,17 @@ class FarCells:
         at = dr.minimum(dr.floor(place * total), total - 1.0)
         along = at < count
         aside = dr.select(along, begin + at, other_begin + at - count)
-        octant = mi.UInt32(dr.minimum(sign * 8.0, 7.0))
+        quadrant = mi.UInt32(dr.minimum(sign * 4.0, 3.0))
         x, y = dr.select(along, ring, aside), dr.select(along, aside, ring)
-        x = dr.select((octant & 1) > 0, -x, x)
-        y = dr.select((octant & 2) > 0, -y, y)
-        z = dr.select((octant >= 4) & (self.levels > 1), -1, 0)
-        return mi.Int32(x), mi.Int32(y), mi.Int32(z), (ring <= RING_MAX) & (total > 0)
+        x = dr.select((quadrant & 1) > 0, -x, x)
+        y = dr.select((quadrant & 2) > 0, -y, y)
+        left, z, below = sign * 4.0 - mi.Float(quadrant), mi.Int32(0), 0.0
+        for level, share in self.levels.items():
+            z = dr.select(left >= below, level, z)
+            below += share
+        return mi.Int32(x), mi.Int32(y), z, (ring <= RING_MAX) & (total > 0)
 
-    def probability(self, x: mi.Float, y: mi.Float, z: mi.Float) -> mi.Float:
+    def probability(self, x: mi.Float, y: mi.Float, z: mi.Int32) -> mi.Float:
         """Return the probability with which a cell is drawn; 0 for those that are not."""
         x, y = dr.abs(x), dr.abs(y)
         ring = dr.maximum(x, y)
@@ -76,10 +76,14 @@ class FarCells:
         along = x == ring
         aside = dr.select(along, y, x)
         begin, here = dr.select(along, begin, other_begin), dr.select(along, count, other_count)
-        inside = (ring >= self.first) & (ring <= RING_MAX) & (z <= 0) & (z > -self.levels)
+        inside = (ring >= self.first) & (ring <= RING_MAX)
         inside &= (aside >= begin) & (aside < begin + here)
         # With a coordinate of 0 both signs are one cell.
-        share = dr.select(aside == 0, 2.0, 1.0) / (4.0 * self.levels)
+        share = dr.select(aside == 0, 2.0, 1.0) / 4.0
+        level = mi.Float(0.0)
+        for known, part in self.levels.items():
+            level = dr.select(z == known, part, level)
+        share *= level
         share *= self.first / (ring * (ring + 1.0)) / dr.maximum(count + other_count, 1.0)
         return dr.select(inside, share, 0.0)
 

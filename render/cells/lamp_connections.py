@@ -48,9 +48,9 @@ class MetLamp:
     """The segment from ``p`` along ``d`` of a camera subpath that passed through a lamp.
 
     A Dr.Jit PyTree. ``weight`` is 1 / probability that it was kept, 0 where there is none; the sums
-    are those of the segment (``render.paths.walk.SubpathState``). ``image`` of the lamp was met
-    that facets may be joined to (``render.cells.lamp_images``), and ``facet_d_vcm`` is that of the
-    direction in which the subpath left the facet.
+    are those of the segment (``render.paths.walk.SubpathState``). ``image`` is the one of the lamp
+    that was met from the diffuse vertex at ``launch``, which is the facet or comes ``later``
+    (``render.cells.lamp_images``); ``launch_d_vcm`` is that of the direction it was left in.
     """
 
     p: mi.Point3f
@@ -60,7 +60,9 @@ class MetLamp:
     d_vcm: mi.Float
     d_vc: mi.Float
     image: mi.UInt32
-    facet_d_vcm: mi.Float
+    later: mi.Bool
+    launch: mi.Point3f
+    launch_d_vcm: mi.Float
     weight: mi.Float
 
     @staticmethod
@@ -68,7 +70,8 @@ class MetLamp:
         """Return a segment with weight 0, for loops that have not found one yet."""
         return MetLamp(
             dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Spectrum(0),
-            mi.Float(0), mi.Float(0), mi.UInt32(0), mi.Float(0), mi.Float(0),
+            mi.Float(0), mi.Float(0), mi.UInt32(NO_IMAGE), mi.Bool(False), dr.zeros(mi.Point3f),
+            mi.Float(0), mi.Float(0),
         )  # fmt: skip
 
     @staticmethod
@@ -78,7 +81,8 @@ class MetLamp:
         by_volume = dr.select(state.from_volume, channel_mean(state.sigma_from), 1.0)
         return MetLamp(
             mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta), mi.Spectrum(state.depth),
-            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.UInt32(0), mi.Float(0), mi.Float(1),
+            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.UInt32(NO_IMAGE), mi.Bool(False),
+            dr.zeros(mi.Point3f), mi.Float(0), mi.Float(1),
         )  # fmt: skip
 
 
@@ -110,18 +114,18 @@ class Lamp:
         return self.light.passed(self.fiber, begin, segment.d, length)
 
     def image(
-        self, facet: Vertex, launched: mi.Vector3f, travelled: mi.Float, begin: mi.Point3f,
-        d: mi.Vector3f,
+        self, later: mi.Bool, launch: mi.Point3f, launched: mi.Vector3f, travelled: mi.Float,
+        begin: mi.Point3f, d: mi.Vector3f,
     ) -> mi.UInt32:  # fmt: skip
         """Return which image of the lamp a subpath meets that passes through it from ``begin``.
 
-        It left the ``facet`` in the direction ``launched`` and came ``travelled`` mm over mirrors.
+        It left ``launch`` in the direction ``launched`` and came ``travelled`` mm over mirrors.
         """
         assert self.images is not None
         way = travelled + self.light.distance(self.fiber, begin, d)
-        return self.images.along(self.fiber, facet.p, way * launched)
+        return self.images.along(self.fiber, later, launch, way * launched)
 
-    def met(self, segment: MetLamp, facet: Vertex) -> list[mi.Float]:
+    def met(self, segment: MetLamp) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
         # The free path that let the segment through is part of its density, in the mean.
@@ -131,8 +135,9 @@ class Lamp:
         ratio = ray.joined * segment.d_vcm / through + ray.emitted * segment.d_vc
         if self.images is not None:
             ratio += self.images.strategies(
-                segment.image, self.fiber, facet, segment.d, segment.facet_d_vcm
-            )
+                segment.image, self.fiber, segment.later, segment.launch, segment.d,
+                segment.launch_d_vcm,
+            )  # fmt: skip
         return _scaled(ray.radiance, value / (1.0 + ratio), segment.weight > 0)
 
     def joined(
@@ -199,7 +204,7 @@ class AimedSubpaths:
         sums = [mi.Float(0.0)] * self.lamp.light.nodes
         for way in self.aim.main_ways:
             met = self._trace(scene, facet, way, stream, event)
-            for j, value in enumerate(self.lamp.met(met, facet)):
+            for j, value in enumerate(self.lamp.met(met)):
                 sums[j] = sums[j] + value
             event = event + AIMED_EVENTS
         return sums
@@ -232,9 +237,10 @@ class AimedSubpaths:
             passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
             if self.lamp.images is not None:
                 # Images that facets are joined to are left to camera subpaths.
-                image = self.lamp.image(facet, direction, travelled, begin, segment.d)
+                image = self.lamp.image(
+                    mi.Bool(False), facet.p, direction, travelled, begin, segment.d
+                )
                 passed &= image == NO_IMAGE
-                segment.image = mi.UInt32(NO_IMAGE)
                 travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)

@@ -7,9 +7,13 @@ for their error bars to know. Unfolded over the walls (image method) each is one
 facets are joined to a point on the image of the lamp's end (next event estimation), and the balance
 heuristic (Veach 1997, sec. 9.2) compares that with the subpaths that meet it.
 
+So are the diffuse vertices behind the facet, for light that goes from the skin over such walls to
+the facet: connections to light subpaths know one wall of each pair. There light subpaths compete.
+
 An image is the cell of the unfolded pad that it lies in, as in ``render.cells.lamp_ways``, packed
-into one number. Those that ``LampAim`` knows are left to it; near ones are drawn from a table, by
-what they send, and far ones by a formula (``render.cells.far_cells``).
+into one number. Near ones are drawn from a table, by what they send, and far ones by a formula
+(``render.cells.far_cells``). The nearest are left to ``LampAim`` at the facet, not at vertices that
+come *later*.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from render.cells.fiber_light import FiberLight, LampRay
 from render.cells.mirror_images import mirror_faces
 from render.cells.repeated_images import RepeatedImages
 from render.geometry import LOWER
-from render.paths.connect import optical_depth, trace_to_surface
+from render.paths.connect import area_factor, optical_depth, trace_to_surface
 from render.paths.vertex import Vertex, channel_mean, empty_vertex, evaluate_scattering
 from render.paths.walk import GuidingDistribution, guided_pdf
 from render.sampling.streams import Numbers
@@ -32,10 +36,12 @@ from render.scene import FACES, Scene
 CELL_MAX = 40
 """Cells up to it, in either direction, are in the table; those beyond are far."""
 CELLS = 2 * CELL_MAX + 1
-DEPTHS = 8
-"""Cells in z, 0 to -7: the lower face may reflect, and in turn with it the top of a rim."""
-RIM_CELL_MAX = 5
-"""Cells in x and y where the top of a rim has reflected."""
+UP, DEPTHS = 2, 10
+"""Cells in z, 2 to -7: the lower face may reflect, and in turn with it the top of a rim."""
+RIM_CELL_MAX = 20
+"""Cells in x and y where the top of a rim has reflected, and it or the lower face twice."""
+RIM_FAR = 0.2
+"""What of the far cells are those where it has reflected."""
 RIM_SHARE = 0.05
 """What of the coating sees those, about: the top of a rim is narrow."""
 CODES = DEPTHS * CELLS**2
@@ -45,10 +51,10 @@ ORIGIN, STEP = 1 << 11, 1 << 12
 NO_IMAGE = (1 << 32) - 1
 """What stands for no image."""
 AIMED_CELL_MAX = 1
-"""Cells up to here are known to ``LampAim``."""
+"""Cells up to here are known to ``LampAim``, for facets."""
 LEAST_SHARE = 1e-7
 """Part of the light of a lamp's images below which one is left to camera subpaths."""
-SLOTS = 1 << 16
+SLOTS = 1 << 17
 """Slots of equal probability by which images are drawn."""
 GRID = 3
 """Points of the coating along x and y at which shares of images are estimated."""
@@ -67,8 +73,9 @@ class LampImages:
         """List the images and weigh them on a grid of points of the coating."""
         # These have the top of a rim as well.
         self.light, self.mirrors = light, RepeatedImages(scene)
+        self.lamps = scene.lamp_count
         low, high = scene.box.low, scene.box.high
-        cells = np.array(_cells(scene))
+        cells = _cells(scene)
         lamps = np.flatnonzero(_cast_in(scene)).tolist()
         self._low, self._size = mi.Vector3f(*low.tolist()), mi.Vector3f(*(high - low).tolist())
         dr.make_opaque(self._low, self._size)
@@ -76,32 +83,37 @@ class LampImages:
         self._far_cells: FarCells | None = None
         reaches_far = np.abs(cells[:, :2]).max(axis=0).min() == CELL_MAX
         if reaches_far and has_far_cells(scene):
-            below = bool((cells[:, 2] == -1).any())
-            self._far_cells = FarCells(scene, CELL_MAX + 1, below=below)
-        drawn = np.full((scene.lamp_count, SLOTS), NO_IMAGE, dtype=np.uint32)
-        chosen = np.zeros((scene.lamp_count, CODES + 1), dtype=np.float32)
-        far = np.zeros(scene.lamp_count, dtype=np.float32)
-        outer = np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER
+            self._far_cells = FarCells(scene, CELL_MAX + 1, _far_levels(cells))
+        # Those of facets, and of later vertices.
+        drawn = np.full((2, self.lamps, SLOTS), NO_IMAGE, dtype=np.uint32)
+        chosen = np.zeros((2, self.lamps, CODES + 1), dtype=np.float32)
+        far = np.zeros((2, self.lamps), dtype=np.float32)
+        aimed, outer = _aimed(cells), np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER
         for lamp in lamps:
-            share = self._shares(scene, lamp, images, cells)
-            own = np.flatnonzero(share > LEAST_SHARE)
-            if not len(own):
-                continue
-            # Each has one slot at least.
-            count = 1 + np.floor((SLOTS - len(own)) * share[own]).astype(np.int64)
-            count[count.argmax()] += SLOTS - count.sum()
-            drawn[lamp] = np.repeat(images[own], count)
-            if self._far_cells is not None:
-                # Each ring sends 1 / r of what the first would.
-                tail = share[outer].sum() * (CELL_MAX - OUTER / 2) / OUTER * BEYOND
-                far[lamp] = tail / (1.0 + tail)
-            chosen[lamp, codes[own]] = (1.0 - far[lamp]) * count / SLOTS
+            strength = self._strengths(scene, lamp, images, cells)
+            for later in (0, 1):
+                sent = np.where(aimed & (later == 0), 0.0, strength)
+                share = sent / max(sent.sum(), 1e-300)
+                own = np.flatnonzero(share > LEAST_SHARE)
+                if not len(own):
+                    continue
+                # Each has one slot at least.
+                count = 1 + np.floor((SLOTS - len(own)) * share[own]).astype(np.int64)
+                count[count.argmax()] += SLOTS - count.sum()
+                drawn[later, lamp] = np.repeat(images[own], count)
+                if self._far_cells is not None:
+                    # Each ring sends 1 / r of what the first would.
+                    tail = share[outer].sum() * (CELL_MAX - OUTER / 2) / OUTER * BEYOND
+                    far[later, lamp] = tail / (1.0 + tail)
+                chosen[later, lamp, codes[own]] = (1.0 - far[later, lamp]) * count / SLOTS
         self._drawn, self._chosen = mi.UInt32(drawn.ravel()), mi.Float(chosen.ravel())
-        self._far = mi.Float(far)
+        self._far = mi.Float(far.ravel())
         dr.make_opaque(self._drawn, self._chosen, self._far)
 
-    def _shares(self, scene: Scene, lamp: int, images: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Return what part of the light of a lamp's near images each sends to the coating."""
+    def _strengths(
+        self, scene: Scene, lamp: int, images: np.ndarray, cells: np.ndarray
+    ) -> np.ndarray:
+        """Return what each near image of a lamp sends to the coating, about."""
         low, high = scene.box.low, scene.box.high
         step = (np.arange(GRID) + 0.5) / GRID
         x, y = np.meshgrid(low[0] + (high - low)[0] * step, low[1] + (high - low)[1] * step)
@@ -123,52 +135,59 @@ class LampImages:
         sent = level * self.reflected(image, direction) / dr.square(distance)
         sent *= dr.maximum(-direction.z, COSINE_MIN)
         strength = np.array(sent, dtype=np.float64).reshape(len(images), points).mean(axis=1)
-        strength[cells[:, 2] < -1] *= RIM_SHARE
-        total = strength.sum()
-        return strength / total if total > 0 else np.zeros(len(images))
+        strength[_over_a_rim(cells)] *= RIM_SHARE
+        return strength
 
     # -- which image ----------------------------------------------------------------------------
 
-    def along(self, lamp: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.UInt32:
+    def along(
+        self, lamp: mi.UInt32, later: mi.Bool, a: mi.Point3f, direction: mi.Vector3f
+    ) -> mi.UInt32:
         """Return the image of ``lamp`` that is met on the way from ``a`` by ``direction`` (mm).
 
         That is unfolded, and as long as the way is. ``NO_IMAGE`` where there is none that is drawn.
         """
         end = (a + direction - self._low) / self._size
         x, y, z = (dr.floor(end[i]) for i in range(3))
-        known = (dr.abs(x) < ORIGIN) & (dr.abs(y) < ORIGIN) & (z <= 0) & (z > -DEPTHS)
+        known = (dr.abs(x) < ORIGIN) & (dr.abs(y) < ORIGIN) & (z <= UP) & (z > UP - DEPTHS)
         x, y, z = (dr.select(known, each, 0.0) for each in (x, y, z))
         image = _packed_number(mi.Int32(x), mi.Int32(y), mi.Int32(z))
-        return dr.select(known & (self.probability(lamp, image) > 0), image, NO_IMAGE)
+        return dr.select(known & (self.probability(lamp, later, image) > 0), image, NO_IMAGE)
 
-    def drawn(self, lamp: mi.UInt32, numbers: Numbers) -> mi.UInt32:
+    def drawn(self, lamp: mi.UInt32, later: mi.Bool, numbers: Numbers) -> mi.UInt32:
         """Return an image of ``lamp`` for uniform ``numbers``."""
         number, distance, place, sign = numbers
-        far = dr.gather(mi.Float, self._far, lamp)
+        row = self._table(lamp, later)
+        far = dr.gather(mi.Float, self._far, row)
         near = (number - far) / (1.0 - far)
         slot = dr.minimum(mi.UInt32(dr.maximum(near, 0.0) * SLOTS), SLOTS - 1)
-        image = dr.gather(mi.UInt32, self._drawn, lamp * SLOTS + slot)
+        image = dr.gather(mi.UInt32, self._drawn, row * SLOTS + slot)
         if self._far_cells is None:
             return image
         x, y, z, there = self._far_cells.drawn(distance, place, sign)
         beyond = dr.select(there, _packed_number(x, y, z), NO_IMAGE)
         return dr.select(number < far, beyond, image)
 
-    def probability(self, lamp: mi.UInt32, image: mi.UInt32) -> mi.Float:
+    def probability(self, lamp: mi.UInt32, later: mi.Bool, image: mi.UInt32) -> mi.Float:
         """Return the probability with which an image of ``lamp`` is `drawn`."""
+        row = self._table(lamp, later)
         x, y, z = self._cell(image)
         near = (dr.abs(x) <= CELL_MAX) & (dr.abs(y) <= CELL_MAX)
-        code = dr.select(near, ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z, CODES)
-        chosen = dr.gather(mi.Float, self._chosen, lamp * (CODES + 1) + mi.UInt32(code))
+        code = dr.select(near, ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS + UP - z, CODES)
+        chosen = dr.gather(mi.Float, self._chosen, row * (CODES + 1) + mi.UInt32(code))
         if self._far_cells is None:
             return chosen
-        far = dr.gather(mi.Float, self._far, lamp)
-        return chosen + far * self._far_cells.probability(mi.Float(x), mi.Float(y), mi.Float(z))
+        far = dr.gather(mi.Float, self._far, row)
+        return chosen + far * self._far_cells.probability(mi.Float(x), mi.Float(y), z)
+
+    def _table(self, lamp: mi.UInt32, later: mi.Bool) -> mi.UInt32:
+        """Return the row of a lamp in the tables of facets or of later vertices."""
+        return lamp + dr.select(later, mi.UInt32(self.lamps), 0)
 
     def _cell(self, image: mi.UInt32) -> list[mi.Int32]:
         """Return x, y and z of an image; far away for ``NO_IMAGE``."""
         level = image // DEPTHS
-        z = -mi.Int32(image % DEPTHS)
+        z = UP - mi.Int32(image % DEPTHS)
         return [mi.Int32(level // STEP) - ORIGIN, mi.Int32(level % STEP) - ORIGIN, z]
 
     def reflected(
@@ -212,40 +231,43 @@ class LampImages:
         return sign * folded, distance, ray
 
     def joined(
-        self, scene: mi.Scene, lamp: mi.UInt32, a: Vertex, which: Numbers, numbers: Numbers,
-        guiding: GuidingDistribution,
+        self, scene: mi.Scene, lamp: mi.UInt32, later: mi.Bool, a: Vertex, which: Numbers,
+        numbers: Numbers, guiding: GuidingDistribution,
     ) -> list[mi.Float]:  # fmt: skip
-        """Return, per direction node, the light of one image joined to facets ``a``.
+        """Return, per direction node, the light of one image joined to camera vertices ``a``.
 
-        ``which`` draws the image, and ``numbers`` a point of it.
+        These are facets, or diffuse surfaces that come ``later``. ``which`` draws the image, and
+        ``numbers`` a point of it.
         """
         node, x, y, _ = numbers
-        image = self.drawn(lamp, which)
+        image = self.drawn(lamp, later, which)
         direction, distance, ray = self.line(image, lamp, a.p, node, mi.Point2f(x, y))
-        density = ray.joined * self.probability(lamp, image)
-        active = (a.weight > 0) & (density > 0)
-        f, pdf, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
-        pdf = guided_pdf(guiding, a, direction, pdf)
+        density = ray.joined * self.probability(lamp, later, image)
+        active = (a.weight > 0) & ~a.volume & (density > 0)
+        f, pdf, reverse = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
+        pdf = dr.select(a.terminal, 0.0, guided_pdf(guiding, a, direction, pdf))
         active &= dr.max(f) > 0
         carried, transmittance = self._followed(scene, a, direction, distance, active)
-        by_chance = pdf * self.reflected(image, direction, chance=True)
+        # Light subpaths come the same way, and no strategy ends before a facet.
+        by_light = ray.emitted * area_factor(a, direction) * (a.d_vcm + a.d_vc * reverse)
+        by_chance = (pdf + by_light) * self.reflected(image, direction, chance=True)
         value = channel_mean(a.beta * f * transmittance) * carried * a.weight
         value /= density + by_chance
         return [dr.select(active & (each > 0), each * value, 0.0) for each in ray.radiance]
 
     def strategies(
-        self, image: mi.UInt32, lamp: mi.UInt32, a: Vertex, folded: mi.Vector3f,
-        d_vcm: mi.Float,
+        self, image: mi.UInt32, lamp: mi.UInt32, later: mi.Bool, a: mi.Point3f,
+        folded: mi.Vector3f, d_vcm: mi.Float,
     ) -> mi.Float:  # fmt: skip
         """Return the density of joining over that of a camera subpath that met an image of a lamp.
 
-        The subpath left the facet ``a`` with a density of 1 / ``d_vcm`` and meets the lamp along
+        The subpath left a vertex at ``a`` with a density of 1 / ``d_vcm`` and meets the lamp along
         ``folded``; 0 for ``NO_IMAGE``. Transmittances are in neither density, here and in `joined`.
         """
         sign, shift = self._unfolding(image)
-        seen_from = mi.Point3f(sign * (mi.Vector3f(a.p) - shift))
+        seen_from = mi.Point3f(sign * (mi.Vector3f(a) - shift))
         ray = self.light.ray(lamp, seen_from, -folded)
-        density = ray.joined * self.probability(lamp, image)
+        density = ray.joined * self.probability(lamp, later, image)
         chance = self.reflected(image, sign * folded, chance=True)
         return dr.select(density > 0, density * d_vcm / dr.maximum(chance, 1e-12), 0.0)
 
@@ -288,11 +310,11 @@ def _cast_in(scene: Scene) -> np.ndarray:
 
 def has_lamp_images(scene: Scene) -> bool:
     """Return whether a flat pad has lamps that its walls show over and over."""
-    return bool(_cast_in(scene).any()) and bool(_cells(scene))
+    return bool(_cast_in(scene).any()) and not _aimed(_cells(scene)).all()
 
 
-def _cells(scene: Scene) -> list[tuple[int, int, int]]:
-    """Return the cells of all images that facets may see and no aim knows."""
+def _cells(scene: Scene) -> np.ndarray:
+    """Return the cells ``(cell, 3)`` of the table: all that the coating may see but far ones."""
     mirrors = dict(zip(FACES, mirror_faces(scene), strict=True))
     reach = [
         CELL_MAX if mirrors[low] and mirrors[high] else AIMED_CELL_MAX
@@ -301,35 +323,58 @@ def _cells(scene: Scene) -> list[tuple[int, int, int]]:
     below = mirrors[FACES[LOWER]] and not scene.window_refracts
     # The top of a rim is a face of the pad beside the skin.
     strip = bool(scene.box.layered.any()) and scene.pad.roughness == 0.0
-    levels = range(0, -DEPTHS if strip else -2, -1) if below else (0,)
+    highest, lowest = (UP, UP - DEPTHS + 1) if strip else (0, -1)
+    levels = range(lowest, highest + 1) if below else range(min(highest, 1) + 1)
     found = [
         (x, y, z)
         for x in range(-reach[0], reach[0] + 1)
         for y in range(-reach[1], reach[1] + 1)
         for z in levels
-        if (z < -1 and max(abs(x), abs(y)) <= RIM_CELL_MAX)
-        or (z >= -1 and max(abs(x), abs(y)) > AIMED_CELL_MAX)
+        if max(abs(x), abs(y)) <= (CELL_MAX if -2 <= z <= 1 else RIM_CELL_MAX)
+        and (x, y, z) != (0, 0, 0)
     ]
     singles = {(0, False): "left", (0, True): "right", (1, False): "base", (1, True): "tip"}
-    return [
+    kept = [
         cell
         for cell in found
         if all(mirrors[singles[axis, cell[axis] > 0]] for axis in (0, 1) if abs(cell[axis]) == 1)
     ]
+    return np.array(kept, dtype=np.int64).reshape(-1, 3)
+
+
+def _far_levels(cells: np.ndarray) -> dict[int, float]:
+    """Return the z that far cells have as the last of the table do, and what of them each has."""
+    last = cells[np.abs(cells[:, :2]).max(axis=1) == CELL_MAX]
+    rim = _over_a_rim(last)
+    plain, over = np.unique(last[~rim, 2]).tolist(), np.unique(last[rim, 2]).tolist()
+    share = RIM_FAR if over else 0.0
+    levels = {z: (1.0 - share) / len(plain) for z in plain}
+    return levels | {z: share / len(over) for z in over}
+
+
+def _aimed(cells: np.ndarray) -> np.ndarray:
+    """Return which cells ``(cell, 3)`` are known to ``LampAim``."""
+    near = (np.abs(cells[:, :2]) <= AIMED_CELL_MAX).all(axis=1)
+    return np.asarray(near & ~_over_a_rim(cells))
+
+
+def _over_a_rim(cells: np.ndarray) -> np.ndarray:
+    """Return which cells ``(cell, 3)`` are seen over the top of a rim."""
+    return np.asarray((cells[:, 2] > 0) | (cells[:, 2] < -1))
 
 
 def _code(cells: np.ndarray) -> np.ndarray:
     """Return the numbers of near cells ``(cell, 3)`` in the table."""
     x, y, z = cells.T
-    return ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
+    return ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS + UP - z
 
 
 def _packed(cells: np.ndarray) -> np.ndarray:
     """Return cells ``(cell, 3)`` as images."""
     x, y, z = cells.T
-    return (((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS - z).astype(np.uint32)
+    return (((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z).astype(np.uint32)
 
 
 def _packed_number(x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
     """Return a cell as an image."""
-    return mi.UInt32(((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS - z)
+    return mi.UInt32(((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z)

@@ -20,6 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.fiber_light import FiberLight
+from render.cells.lamp_images import LampImages
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import fiber_poses
 from render.paths.mirrors import KeptVertex
@@ -185,16 +186,16 @@ class CoatingTarget:
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool, images: LampImages | None,
 ) -> DrawnVertices:  # fmt: skip
     """Return drawn vertices for the ``point`` of the coating that each lane looks at.
 
     ``guiding`` is that of camera subpaths where they meet lamps and are joined to them, None where
     they do not; ``passable`` says that they pass volumes behind delta faces, ``lobed`` that the
-    skin has a lobe beside Lambert's.
+    skin has a lobe beside Lambert's. They are joined to ``images`` of the lamps, if there are any.
     """
     records = _trace(
-        scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed
+        scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed, images
     )
     dr.eval(records)
     lanes = dr.opaque(mi.UInt32, dr.width(fiber))
@@ -209,7 +210,7 @@ def trace_light_subpaths(
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool, images: LampImages | None,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -237,6 +238,7 @@ def _trace(
     )
     fresh = dr.full(mi.Bool, True, width)  # lanes that begin a path
     first = mi.Bool(fresh)  # lanes whose path has no vertex yet
+    travelled, mirrored = mi.Float(0), mi.Bool(False)  # mm from the lamp, over mirrors alone
     from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
     active = mi.Bool(fresh)
     while active:
@@ -260,12 +262,22 @@ def _trace(
             before_wide = mi.Bool(False)
             drawn.total = mi.Float(0.0)
             first, from_volume = mi.Bool(True), mi.Bool(False)
+            travelled, mirrored = mi.Float(0), mi.Bool(False)
+        begin = mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         if guiding is not None:
             # Eq. 31, at the first vertex: camera subpaths that end there are joined to the lamp.
             if arrived & first:
                 through = channel_mean(dr.exp(-state.depth))
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
+            if images is not None:
+                # So are those that see the lamp over mirrors.
+                travelled += dr.norm(v.p - begin)
+                if arrived & mirrored & v.diffuse & ~v.volume:
+                    later = mi.Bool(True)
+                    image = images.along(fiber, later, v.p, travelled * v.wi)
+                    v.d_vcm = images.strategies(image, fiber, later, v.p, -d, v.d_vc)
+                mirrored = (first | mirrored) & arrived & v.delta
             first = first & ~arrived
             # Camera subpaths that come by go on as they are guided. Whatever the direction that
             # they come from, a diffuse surface sends as many of them towards its predecessor; with

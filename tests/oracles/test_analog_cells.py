@@ -13,6 +13,7 @@ from render.geometry import (
 )
 from render.scene import Scene, load_scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
+from tests.oracles.kept_photons import PHI, analog
 from tests.oracles.pads import scene_of_case
 from tests.oracles.quadrature import facet_radiance, irradiance
 
@@ -68,6 +69,22 @@ def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> 
     z = (cells.T - truth)[lit] / cells.se[lit]
     assert np.abs(z).max() < 4.5
     sums, expected = cells.replicates[:, lit].sum(axis=1), truth[lit].sum()
+    assert stats.sem(sums) < 0.02 * expected
+    assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
+
+
+def test_facets_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
+    """There light changes by a factor of two across a quarter of a facet."""
+    scene = scene_of_case("random 23")
+    scene = scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": 1e-4})})
+    assert scene.fibers.sigma_v < np.radians(3.0)
+    truth = facet_radiance(scene, 0.0, analog_lamp(scene, 0, PHI))
+    cells = analog(scene, pressed=True).cells(0, PHI, 24_000_000)
+    # The three facets that face the lamp at the site next to it, in no shadow.
+    facing = truth > 0.1 * truth.max()
+    facing[: 3 * scene.indenter.faces] = facing[4 * scene.indenter.faces :] = False
+    assert facing.sum() == 3
+    sums, expected = cells.replicates[:, facing].sum(axis=1), truth[facing].sum()
     assert stats.sem(sums) < 0.02 * expected
     assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
 

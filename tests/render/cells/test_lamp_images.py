@@ -44,15 +44,16 @@ def test_smooth_walls_that_face_each_other_show_lamps_in_the_pad_over_and_over(
     assert has_lamp_images(scene_of_case(case)) == there
 
 
+@pytest.mark.parametrize("later", [False, True])
 def test_the_image_in_a_direction_is_the_one_that_a_line_to_it_was_drawn_for(
-    mono: ModuleType, scene: Scene
+    mono: ModuleType, scene: Scene, later: bool
 ) -> None:
     """Places where a folded ray is after so many mm, mirror by mirror, are the lamp's own."""
     import mitsuba as mi
 
     images, rng = images_of(scene), np.random.default_rng(1)
     lamp = rng.integers(0, scene.lamp_count, COUNT).astype(np.uint32)
-    image = drawn_images(images, lamp, rng)
+    image = drawn_images(images, lamp, later, rng)
     lamp, image = lamp[image != NO_IMAGE], image[image != NO_IMAGE]
     count = len(image)
     at = rng.uniform([-7, -9], [7, 9], (count, 2))
@@ -62,7 +63,9 @@ def test_the_image_in_a_direction_is_the_one_that_a_line_to_it_was_drawn_for(
         mi.UInt32(image), mi.UInt32(lamp), mi.Point3f(a.T), mi.Float(pick), mi.Point2f(x, y)
     )
     way = np.array(direction).T * np.array(distance)[:, None]
-    found = np.array(images.along(mi.UInt32(lamp), mi.Point3f(a.T), mi.Vector3f(way.T)))
+    found = np.array(
+        images.along(mi.UInt32(lamp), mi.Bool(later), mi.Point3f(a.T), mi.Vector3f(way.T))
+    )
     np.testing.assert_array_equal(found, image)
     low, high = scene.box.low, scene.box.high
     for start, full, number in zip(a[:50], way[:50], lamp[:50], strict=True):
@@ -78,24 +81,27 @@ def folded(low: np.ndarray, high: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.asarray(low + np.minimum(turns, 2 * (high - low) - turns))
 
 
-def drawn_images(images: LampImages, lamp: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def drawn_images(
+    images: LampImages, lamp: np.ndarray, later: bool, rng: np.random.Generator
+) -> np.ndarray:
     """Return an image of each lamp for random numbers."""
     import mitsuba as mi
 
     numbers = [mi.Float(row) for row in rng.random((4, len(lamp)))]
-    return np.array(images.drawn(mi.UInt32(lamp), tuple(numbers)))
+    return np.array(images.drawn(mi.UInt32(lamp), mi.Bool(later), tuple(numbers)))
 
 
+@pytest.mark.parametrize("later", [False, True])
 def test_every_image_that_is_drawn_is_drawn_as_often_as_it_says(
-    mono: ModuleType, scene: Scene
+    mono: ModuleType, scene: Scene, later: bool
 ) -> None:
     import mitsuba as mi
 
     images, count = images_of(scene), 2_000_000
     for lamp in range(scene.lamp_count):
-        image = drawn_images(images, np.full(count, lamp), np.random.default_rng(lamp))
+        image = drawn_images(images, np.full(count, lamp), later, np.random.default_rng(lamp))
         found, times = np.unique(image[image != NO_IMAGE], return_counts=True)
-        said = np.array(images.probability(mi.UInt32(lamp), mi.UInt32(found)))
+        said = np.array(images.probability(mi.UInt32(lamp), mi.Bool(later), mi.UInt32(found)))
         often = times > 50
         z = (times - count * said)[often] / np.sqrt(count * said[often])
         assert np.abs(z).max() < 5.5
@@ -114,10 +120,10 @@ def test_all_far_cells_together_are_drawn_once(mono: ModuleType, size: tuple[flo
     scene = scene_of_case("cast in index 1.7")
     pad = scene.pad.model_copy(update={"width": size[0], "length": size[1]})
     first, last = 5, 60
-    far = FarCells(scene.model_copy(update={"pad": pad}), first, below=True)
+    far = FarCells(scene.model_copy(update={"pad": pad}), first, {0: 0.7, -1: 0.3})
     x, y = (each.ravel().astype(float) for each in np.mgrid[-80:81, -80:81])
     chance = np.array(
-        [far.probability(mi.Float(x), mi.Float(y), mi.Float(float(z))) for z in (1, 0, -1, -2)]
+        [far.probability(mi.Float(x), mi.Float(y), mi.Int32(z)) for z in (1, 0, -1, -2)]
     )
     assert not chance[[0, 3]].any()
     ring = np.maximum(np.abs(x), np.abs(y))
@@ -132,6 +138,19 @@ def test_all_far_cells_together_are_drawn_once(mono: ModuleType, size: tuple[flo
     assert (chance[1][outer & total] > 0.0).all()
     lost = outer & (steepest > np.sqrt(1.0 - 1.7**-2.0) + 0.03)
     assert not chance[1][lost].any()
+
+
+def test_the_nearest_images_are_for_vertices_behind_the_facet(mono: ModuleType) -> None:
+    import mitsuba as mi
+
+    images = images_of(scene_of_case("cast in index 1.7"))
+    over_one_wall, down = mi.Vector3f([15.0], [0.0], [-5.0]), mi.Vector3f([0.0], [2.0], [-6.0])
+    a = mi.Point3f(0.0, 0.0, 7.7)
+    for later in (False, True):
+        aimed = images.along(mi.UInt32(0), mi.Bool(later), a, over_one_wall)
+        assert (int(aimed[0]) != NO_IMAGE) == later
+        # The lamp itself is no image of it.
+        assert int(images.along(mi.UInt32(0), mi.Bool(later), a, down)[0]) == NO_IMAGE
 
 
 @pytest.mark.parametrize(("case", "there"), [("cast in", False), ("cast in index 1.7", True)])
@@ -150,7 +169,7 @@ def test_images_carry_what_total_reflection_at_all_faces_leaves(mono: ModuleType
     seen = []
     for direction in (slanted, steep):
         met = [
-            images.along(mi.UInt32(0), a, mi.Float([way]) * direction)
+            images.along(mi.UInt32(0), mi.Bool(False), a, mi.Float([way]) * direction)
             for way in np.linspace(30, 20 * CELL_MAX, 200)
         ]
         known = [each for each in met if int(each[0]) != NO_IMAGE]
