@@ -32,10 +32,10 @@ DESIGNS = 100
 """Random designs that the two previews are compared on."""
 DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
-FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.01, 0.025, 0.035
-"""Half-width of a followed preview over M where it and the drawn one agree: of flat clear pads, of
-flat pads with a diffuser, and of pads that bend, whose light both lose alike."""
-DIFFERENCE_SHARE = 0.2
+FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.008, 0.02, 0.015
+"""Half-width of a followed preview over M where it and the drawn one agree: of clear pads that do
+not bend, of others with a diffuser, and of pads that bend, whose light both lose alike."""
+DIFFERENCE_SHARE = 0.12
 """Half-width of a followed preview over D where they differ."""
 NOISE_SHARE = 0.3
 """Half-width over M per photon noise of colors; other seeds moved 90 % of the scores of a bent pad

@@ -46,7 +46,7 @@ PHI_NODES, BEND_NODES = 33, 9
 VERSION = 4
 """Part of the cache key: raise it when the preview changes."""
 COUNTS_FACTOR = 2.0
-"""The interval of a color, in standard deviations."""
+"""The interval of a color, in spreads."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class PreviewErrors:
 
     Arguments:
         kind: `PREVIEW`, `FEW_PATHS` or `CONVERGED`.
-        color_spread: one standard deviation of a facet's color, relative.
+        color_spread: half of the relative error that holds 90 % of the channels of facets.
         facet_median, facet_p95: of colors, relative.
         score_median, score_p95: of scores, counts.
         kendall_tau: of its ranking of random designs.
@@ -75,9 +75,9 @@ class PreviewErrors:
         return {"level": self.kind} | {name: getattr(self, name) for name in names}
 
 
-COARSE_ERRORS = PreviewErrors(PREVIEW, 0.2, 0.22, 0.6, 11.0, 35.0, 0.73)
-FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.1, 0.047, 0.14, 4.0, 12.0, 0.89)
-CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.05, 0.02, 0.06, 2.0, 6.0, 0.9)
+COARSE_ERRORS = PreviewErrors(PREVIEW, 0.18, 0.22, 0.6, 11.0, 35.0, 0.73)
+FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.055, 0.047, 0.14, 4.0, 12.0, 0.89)
+CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.022, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
 
@@ -154,7 +154,7 @@ class PreviewSession:
         scene: the sensor.
         grid: the preview at its nodes.
         scale: exposure and lambda.
-        color_spread: one standard deviation of a facet's color, relative.
+        color_spread: of a facet's color, relative (`PreviewErrors`).
     """
 
     def __init__(

@@ -39,18 +39,24 @@ ERROR, ERROR_WHERE_CHEAP = 0.02, 0.0125
 """Relative error of a cell in the median that photons aim at, and among planes without milk."""
 
 
-def among_planes(scene: Scene) -> bool:
+def among_planes(scene: Scene, bend: float) -> bool:
     """Return whether photons of the pad meet planes alone; others go among triangles."""
-    return not scene.bending.angles[0] and scene.skin is scene.window is None
+    return not bend and scene.skin is scene.window is None
 
 
-def analog(scene: Scene, pressed: bool, seed: int = 1) -> AnalogScene | BentScene:
-    """Return the pad at its first bend, pressed at all sites or untouched, as photons have it."""
+def analog(
+    scene: Scene, pressed: bool, seed: int = 1, bend: float | None = None
+) -> AnalogScene | BentScene:
+    """Return the pad, pressed at all sites or untouched, as photons have it.
+
+    ``bend`` is in rad (default: the scene's first).
+    """
+    bend = scene.bending.angles[0] if bend is None else bend
     # Every photon meets the lines of sight of its bin where the skin has a lobe.
     views = 4000 if scene.coating.specular else 20_000
-    if among_planes(scene):
+    if among_planes(scene, bend):
         return AnalogScene(scene, pressed, views, seed)
-    return BentScene(scene, scene.bending.angles[0], pressed, views, seed)
+    return BentScene(scene, bend, pressed, views, seed)
 
 
 def traced(pad: AnalogScene | BentScene, photons: int) -> Floats:
@@ -84,7 +90,8 @@ def keep(case: str) -> None:
     """Trace a case until its cells are known, and keep it."""
     scene = scene_of_case(case)
     milky = scene.diffuser is not None and scene.diffuser.sigma_s > 0.0
-    error = ERROR_WHERE_CHEAP if among_planes(scene) and not milky else ERROR
+    cheap = among_planes(scene, scene.bending.angles[0]) and not milky
+    error = ERROR_WHERE_CHEAP if cheap else ERROR
     began, cells, counts = time.perf_counter(), {}, []
     for name in ("facets", "sites"):
         pad = analog(scene, pressed=name == "facets")

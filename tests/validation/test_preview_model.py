@@ -39,8 +39,7 @@ from surrogate.preview_model import (
 from surrogate.runtime import Checker
 from surrogate.training.evaluation import random_colors
 from tests.long import LONG
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import analog
 from tests.oracles.random_scenes import random_scene
 
 SENSORS = ("2", "4", "6", "10", "13", "19", "20") if LONG else ("4",)
@@ -143,10 +142,7 @@ class Truth(NamedTuple):
 
 def traced(scene: Scene, phi: np.ndarray, photons: int) -> Truth:
     """Return what analog photons find, so many a lamp, direction and bend."""
-    pads = [
-        BentScene(scene, bend) if bend or scene.skin else AnalogScene(scene, True)
-        for bend in scene.bending.angles
-    ]
+    pads = [analog(scene, pressed=True, bend=bend) for bend in scene.bending.angles]
     batches = np.array(
         [
             [[pad.cells(lamp, at, photons).replicates for pad in pads] for at in phi]

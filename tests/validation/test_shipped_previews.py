@@ -24,8 +24,7 @@ from render.preview.converged import Effort, transport_at
 from render.progress import Clock
 from render.reference import render_transport
 from render.scene import load_scene
-from tests.oracles.analog_cells import AnalogScene
-from tests.oracles.mesh_cells import BentScene
+from tests.oracles.kept_photons import analog
 from tests.oracles.random_scenes import random_scene
 
 BOUND = 0.05
@@ -68,8 +67,7 @@ def agreements(name: str, samples: int, effort: Effort) -> tuple[Agreement, Agre
     converged = lamps[:, 0, :, :-1].sum(axis=0).ravel()
     began = time.perf_counter()
     if scene.diffuser is None:
-        planes = scene.skin is None
-        pad = AnalogScene(scene, True) if planes else BentScene(scene, 0.0, views=2500)
+        pad = analog(scene, pressed=True, bend=0.0)
         batches = sum(pad.cells(lamp, at, samples).replicates for lamp, at in enumerate(phi))
         truth, se = batches.mean(axis=0).ravel(), stats.sem(batches, axis=0).ravel()
     else:
