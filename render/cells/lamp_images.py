@@ -18,6 +18,8 @@ come *later*.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -32,6 +34,9 @@ from render.paths.vertex import Vertex, channel_mean, empty_vertex, evaluate_sca
 from render.paths.walk import GuidingDistribution, guided_pdf
 from render.sampling.streams import Numbers
 from render.scene import FACES, Scene
+
+Integers = TypeVar("Integers", np.ndarray, "mi.Int32")
+"""Of numpy or of Dr.Jit: one formula numbers both."""
 
 CELL_MAX = 40
 """Cells up to it, in either direction, are in the table; those beyond are far."""
@@ -79,7 +84,7 @@ class LampImages:
         lamps = np.flatnonzero(_cast_in(scene)).tolist()
         self._low, self._size = mi.Vector3f(*low.tolist()), mi.Vector3f(*(high - low).tolist())
         dr.make_opaque(self._low, self._size)
-        images, codes = _packed(cells), _code(cells)
+        images, codes = _packed(*cells.T).astype(np.uint32), _code(*cells.T)
         self._far_cells: FarCells | None = None
         reaches_far = np.abs(cells[:, :2]).max(axis=0).min() == CELL_MAX
         if reaches_far and has_far_cells(scene):
@@ -151,7 +156,7 @@ class LampImages:
         x, y, z = (dr.floor(end[i]) for i in range(3))
         known = (dr.abs(x) < ORIGIN) & (dr.abs(y) < ORIGIN) & (z <= UP) & (z > UP - DEPTHS)
         x, y, z = (dr.select(known, each, 0.0) for each in (x, y, z))
-        image = _packed_number(mi.Int32(x), mi.Int32(y), mi.Int32(z))
+        image = mi.UInt32(_packed(mi.Int32(x), mi.Int32(y), mi.Int32(z)))
         return dr.select(known & (self.probability(lamp, later, image) > 0), image, NO_IMAGE)
 
     def drawn(self, lamp: mi.UInt32, later: mi.Bool, numbers: Numbers) -> mi.UInt32:
@@ -165,7 +170,7 @@ class LampImages:
         if self._far_cells is None:
             return image
         x, y, z, there = self._far_cells.drawn(distance, place, sign)
-        beyond = dr.select(there, _packed_number(x, y, z), NO_IMAGE)
+        beyond = dr.select(there, mi.UInt32(_packed(x, y, z)), NO_IMAGE)
         return dr.select(number < far, beyond, image)
 
     def probability(self, lamp: mi.UInt32, later: mi.Bool, image: mi.UInt32) -> mi.Float:
@@ -173,7 +178,7 @@ class LampImages:
         row = self._table(lamp, later)
         x, y, z = self._cell(image)
         near = (dr.abs(x) <= CELL_MAX) & (dr.abs(y) <= CELL_MAX)
-        code = dr.select(near, ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS + UP - z, CODES)
+        code = dr.select(near, _code(x, y, z), CODES)
         chosen = dr.gather(mi.Float, self._chosen, row * (CODES + 1) + mi.UInt32(code))
         if self._far_cells is None:
             return chosen
@@ -363,18 +368,11 @@ def _over_a_rim(cells: np.ndarray) -> np.ndarray:
     return np.asarray((cells[:, 2] > 0) | (cells[:, 2] < -1))
 
 
-def _code(cells: np.ndarray) -> np.ndarray:
-    """Return the numbers of near cells ``(cell, 3)`` in the table."""
-    x, y, z = cells.T
+def _code(x: Integers, y: Integers, z: Integers) -> Integers:
+    """Return the numbers of near cells in the table."""
     return ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS + UP - z
 
 
-def _packed(cells: np.ndarray) -> np.ndarray:
-    """Return cells ``(cell, 3)`` as images."""
-    x, y, z = cells.T
-    return (((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z).astype(np.uint32)
-
-
-def _packed_number(x: mi.Int32, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
-    """Return a cell as an image."""
-    return mi.UInt32(((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z)
+def _packed(x: Integers, y: Integers, z: Integers) -> Integers:
+    """Return cells as images, signed."""
+    return ((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z

@@ -18,7 +18,12 @@ COUNT = 2000
 
 @pytest.fixture(
     scope="module",
-    params=["cast in index 1.7", "cast in beside a clear rim index 1.7", "cast in between mirrors"],
+    params=[
+        "cast in",
+        "cast in index 1.7",
+        "cast in beside a clear rim index 1.7",
+        "cast in between mirrors",
+    ],
 )
 def scene(request: pytest.FixtureRequest) -> Scene:
     return scene_of_case(request.param)
@@ -107,6 +112,9 @@ def test_every_image_that_is_drawn_is_drawn_as_often_as_it_says(
         assert np.abs(z).max() < 5.5
         assert abs(np.mean(z**2) - 1.0) < 5.0 * np.sqrt(2.0 / often.sum())
         # Rare ones are drawn as often as they say together.
+        if not has_far_cells(scene):
+            assert said.sum() == pytest.approx(1.0, abs=1e-4)
+        assert said.sum() < 1.0 + 1e-5
         rare = count * said[~often].sum()
         unseen = count * (1.0 - said.sum())
         assert times[~often].sum() < rare + unseen + 5.0 * np.sqrt(rare + unseen)
