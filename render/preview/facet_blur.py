@@ -40,8 +40,12 @@ MICROFACETS = 64
 """Microfacet normals per line of sight, in mirrored pairs."""
 SIGHTS = 256
 """Lines of sight that are kept of each part of a site."""
-FOOT_WIDTH = 0.3
-"""Width of the coating that is the foot of a facet, in radii of the pyramid."""
+RINGS = (1.0, 1.3, 2.0, 3.2, 5.0)
+"""Bounds of the coating that is before a facet, in radii of the pyramid; the first ring, the foot,
+is told from the untouched spot on every pad, the others where the lower face blurs so far."""
+FAR_BLUR = 1.7
+"""Roughness times thickness over the radius of the pyramid from which on all rings are told apart:
+coating is then more than a third of what is seen of a facet (RESULTS.md of the validation)."""
 BEYOND = 2.0
 """Radii from which on the coating is lit as the untouched spot; in part as that from the feet on.
 Of 1.6 to 3.5, light of random-20 was best by 2.0 to 2.5, and that of random-4 and 6 by any."""
@@ -49,33 +53,41 @@ MAX_TARGET_PIXELS = 256
 """Pixels per target that are followed: a target with more is seen by an even choice of them."""
 
 
+def ring_count(scene: Scene) -> int:
+    """Return how many rings of coating around the pyramid the camera mixes with facets."""
+    window = 0.0 if scene.window is None else scene.window.thickness
+    blur = scene.finish("lower").roughness * (scene.pad.thickness + window)
+    return len(RINGS) - 1 if blur > FAR_BLUR * scene.indenter.radius else 1
+
+
 def facet_blur(scene: Scene, bend: float) -> Array:
-    """Return `facet_blurs` of a coating of one albedo, ``(site, facet + 1, 2 facet + 1)``."""
-    (blur,) = facet_blurs(scene, bend)
+    """Return `facet_blurs` of a coating of one albedo with one ring."""
+    (blur,) = facet_blurs(scene, bend, 1)
     return blur
 
 
 @lru_cache(maxsize=64)
-def facet_blurs(scene: Scene, bend: float) -> tuple[Array, ...]:
-    """Return camera radiance per irradiance on the coating, ``(site, facet + 1, 2 facet + 1)``.
+def facet_blurs(scene: Scene, bend: float, rings: int) -> tuple[Array, ...]:
+    """Return camera radiance per irradiance on the coating.
 
-    One for each of the scene's `albedos`.
+    ``(site, facet + 1, facet + rings * facet + 1)``, one for each of the scene's `albedos`.
 
     Row: the mask of pixels that is looked at (facets, then the untouched site); column: what sends
-    the light (facets, the coating at the foot of each, then the untouched site). The radiance is
+    the light (facets, the coating before each, ring by ring, then the untouched site). A single
+    ring is the foot alone, and from there on the untouched site has more and more. The radiance is
     albedo / pi times the irradiance, times the transmittance of the lower face, and of the bond of
     a window, over the pad's index squared (Veach 1997, eq. 5.3). Sites are those that count. At a
     bend that the scene does not name, a facet may be without a pixel: it gets the row of a head-on,
     sharp view. A coating with a lobe is one of its whole reflectance here.
     """
     counted, faces = counted_sites(scene), scene.indenter.faces
-    weights = np.zeros((len(counted), faces + 1, 2 * faces + 1))
-    for index, target, lines in _targets(scene, bend):
+    weights = np.zeros((len(counted), faces + 1, (1 + rings) * faces + 1))
+    for index, target, lines in _targets(scene, bend, rings):
         if lines is None:
             weights[index, target, target if target < faces else -1] = _head_on(scene)
             continue
         near = lines.weight * lines.near
-        seen = np.bincount(lines.seen.ravel(), near.ravel(), minlength=2 * faces)
+        seen = np.bincount(lines.seen.ravel(), near.ravel(), minlength=(1 + rings) * faces)
         weights[index, target] = [*seen, np.sum(lines.weight - near)]
         weights[index, target] /= lines.weight.size
     blurs = tuple(
@@ -97,7 +109,7 @@ def lines_of_sight(scene: Scene, bend: float, count: int = SIGHTS) -> Array:
     """
     counted, faces = counted_sites(scene), scene.indenter.faces
     sights = np.zeros((len(counted), faces + 2, count, 3))
-    for index, target, lines in _targets(scene, bend):
+    for index, target, lines in _targets(scene, bend, 1):
         if lines is None:
             continue
         parts = [target] if target < faces else []
@@ -119,9 +131,9 @@ def lines_of_sight(scene: Scene, bend: float, count: int = SIGHTS) -> Array:
 class _Lines(NamedTuple):
     """Lines of sight of one target: ``seen`` ``(pixel, line, normal)`` the facet each meets.
 
-    The coating has the numbers from that of the facets on, one for each that it is before; where
-    it is partly lit as its foot, ``near`` is less than 1. ``direction`` is one more axis of 3, in
-    the world.
+    The coating has the numbers from that of the facets on, one for each that it is before, ring by
+    ring; where it is lit in part or all as the untouched site, ``near`` is less than 1.
+    ``direction`` is one more axis of 3, in the world.
     """
 
     seen: NDArray[np.int64]
@@ -130,7 +142,7 @@ class _Lines(NamedTuple):
     direction: Array
 
 
-def _targets(scene: Scene, bend: float) -> Iterator[tuple[int, int, _Lines | None]]:
+def _targets(scene: Scene, bend: float, rings: int) -> Iterator[tuple[int, int, _Lines | None]]:
     """Yield site (of those that count), target and its lines of sight, None without a pixel."""
     masks = _thinned(facet_masks(scene, bend))
     position = facets(scene, bend).site_position
@@ -150,7 +162,7 @@ def _targets(scene: Scene, bend: float) -> Iterator[tuple[int, int, _Lines | Non
                 yield index, target, None
                 continue
             start = (entry[chosen] - position[site]) @ turn
-            seen, near = _first_met(scene, start, directions[chosen] @ turn)
+            seen, near = _first_met(scene, start, directions[chosen] @ turn, rings)
             if target == faces:  # There is no pyramid.
                 seen, near = np.full_like(seen, faces), np.zeros_like(near)
             yield index, target, _Lines(seen, near, weight[chosen], directions[chosen])
@@ -251,7 +263,9 @@ def _slopes() -> Array:
     return np.concatenate([half, half * [-1, 1]])
 
 
-def _first_met(scene: Scene, start: Array, direction: Array) -> tuple[NDArray[np.int64], Array]:
+def _first_met(
+    scene: Scene, start: Array, direction: Array, rings: int
+) -> tuple[NDArray[np.int64], Array]:
     """Return what lines meet and how near it is, as in `_Lines`.
 
     Local frame of the site: ``direction`` ``(pixel, line, normal, 3)``, and so ``start``, or with
@@ -274,5 +288,9 @@ def _first_met(scene: Scene, start: Array, direction: Array) -> tuple[NDArray[np
     x, y = np.moveaxis((start + coating[..., None] * direction)[..., :2], -1, 0)
     before = np.rint(np.arctan2(x, y) * (faces / (2 * np.pi))).astype(np.int64) % faces
     radii = np.hypot(x, y) / scene.indenter.radius
-    near = np.clip((BEYOND - radii) / (BEYOND - 1.0 - FOOT_WIDTH), 0.0, 1.0)
-    return np.where(meets, facet, faces + before), np.where(meets, 1.0, near)
+    if rings == 1:
+        near = np.clip((BEYOND - radii) / (BEYOND - RINGS[1]), 0.0, 1.0)
+    else:
+        near = np.where(radii < RINGS[rings], 1.0, 0.0)
+    ring = np.clip(np.searchsorted(RINGS[1:rings], radii, side="right"), 0, rings - 1)
+    return np.where(meets, facet, faces * (1 + ring) + before), np.where(meets, 1.0, near)

@@ -214,7 +214,7 @@ class Preview:
         lit = zip(
             self.scene.one_albedo_scenes,
             self._radiosity_at(bend),
-            facet_blurs(self._seen_in, bend),
+            facet_blurs(self._seen_in, bend, 1),
             strict=True,
         )
         cells = [

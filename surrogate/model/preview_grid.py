@@ -84,7 +84,7 @@ def draw_grid(
     with Preview(scene) as preview, ThreadPoolExecutor(os.cpu_count()) as pool:
         # What the camera mixes takes most of the time on pads that bend: all cores make it ahead.
         ahead = [] if scene.states or len(bends) == 1 else list(bends)
-        mixed = [pool.submit(facet_blurs, scene, float(bend)) for bend in ahead]
+        mixed = [pool.submit(facet_blurs, scene, float(bend), 1) for bend in ahead]
         for number, bend in enumerate(bends):
             if mixed:
                 mixed[number].result()

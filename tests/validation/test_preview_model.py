@@ -1,8 +1,7 @@
 """The preview alone on sensors that it was not made for: errors, and intervals that they calibrate.
 
 Random designs on random sensors (``tests.oracles.random_scenes``) are scored on both previews,
-coarse and converged, and on cells of analog photons; on renders of the same cells where photons are
-not asked for.
+coarse and converged, and on cells of analog photons.
 
 From the command line, for the factors in ``surrogate.preview_interval``:
 ``python -m tests.validation.test_preview_model 1 2 digit --photons 300000 --keep FOLDER``. Numbers
@@ -25,7 +24,6 @@ from scipy.stats import kendalltau
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites
 from render.metric import clip_counts, design_score, site_metric
-from render.reference import render_transport
 from render.scale import baseline_power, scene_scale
 from render.scene import Scene, load_scene
 from surrogate.preview_interval import COVERAGE
@@ -43,8 +41,6 @@ from tests.oracles.kept_photons import analog
 from tests.oracles.random_scenes import random_scene
 
 SENSORS = ("2", "4", "6", "10", "13", "19", "20") if LONG else ("4",)
-SAMPLES = 600 if LONG else 300
-"""Fewer leave noise in S that is not normal: it cannot be taken off."""
 PHOTONS = 250_000 if LONG else 100_000
 DIRECTIONS = 4
 DESIGNS = 200
@@ -133,11 +129,31 @@ def checker_transport(checker: Checker, phi: np.ndarray, bends: np.ndarray) -> n
     return np.array(counts) / (DIM * checker.exposure)
 
 
-class Truth(NamedTuple):
-    """Transport ``(lamp, direction, bend, site, facet)`` and its standard errors."""
+@dataclass(frozen=True)
+class Truth:
+    """What batches of photons find: transport ``(batch, lamp, direction, bend, site, facet)``.
 
-    T: np.ndarray
-    se: np.ndarray
+    The camera mixes facets and the coating between them, so what it sees of two of one site is
+    wrong by the same photons: their noise is redrawn together.
+    """
+
+    batches: np.ndarray
+
+    @property
+    def T(self) -> np.ndarray:
+        """Transport by all photons."""
+        return np.asarray(self.batches.mean(axis=0))
+
+    def noise(self, rng: np.random.Generator) -> np.ndarray:
+        """Return errors of `T` as other photons would make them; all cells of a lamp together."""
+        count, *lit = self.batches.shape[:4]
+        chosen = rng.standard_normal((count, *lit)) / np.sqrt(count * (count - 1))
+        return np.asarray(np.einsum("nfdb,nfdbsk->fdbsk", chosen, self.batches - self.T))
+
+    @property
+    def se(self) -> np.ndarray:
+        """Standard errors of single cells."""
+        return np.asarray(stats.sem(self.batches, axis=0))
 
 
 def traced(scene: Scene, phi: np.ndarray, photons: int) -> Truth:
@@ -149,9 +165,8 @@ def traced(scene: Scene, phi: np.ndarray, photons: int) -> Truth:
             for lamp in range(scene.lamp_count)
         ]
     )
-    shape = (*batches.shape[:3], -1, scene.indenter.faces)
-    mean, error = batches.mean(axis=3), stats.sem(batches, axis=3)
-    return Truth(mean.reshape(shape), error.reshape(shape))
+    batches = np.moveaxis(batches, 3, 0)
+    return Truth(batches.reshape(*batches.shape[:4], -1, scene.indenter.faces))
 
 
 def sensor(name: str) -> Scene:
@@ -166,26 +181,19 @@ def directions(scene: Scene) -> np.ndarray:
 
 
 def measured(
-    scene: Scene, samples: int, photons: int = 0, keep: Path | None = None,
-    models: Path | None = None,
-) -> list[tuple[Errors, ScoreErrors]]:  # fmt: skip
+    scene: Scene, photons: int, keep: Path | None = None, models: Path | None = None
+) -> list[tuple[Errors, ScoreErrors]]:
     """Return the errors of each preview of ``scene``, and of its model.
 
-    Against ``photons`` a lamp, direction and bend, or if none renders with ``samples`` per cell.
-    The last are left out where ``models`` has none of its name.
+    Against ``photons`` a lamp, direction and bend. The last are left out where ``models`` has none
+    of its name.
     """
     phi = directions(scene)
-    file = None if keep is None else keep / f"{scene.name}-{scene.hash}-{photons or samples}.npz"
-    kept = None if file is None else read_or_drop(file, *Truth._fields)
-    if kept is not None:
-        truth = Truth(kept["T"], kept["se"])
-    elif photons:
-        truth = traced(scene, phi, photons)
-    else:
-        cells = render_transport(scene, phi, np.array(scene.bending.angles), samples=samples)
-        truth = Truth(cells.T, cells.se)
-    if file is not None:
-        write_npz(file, truth._asdict())
+    file = None if keep is None else keep / f"{scene.name}-{scene.hash}-{photons}.npz"
+    kept = None if file is None else read_or_drop(file, "batches")
+    truth = traced(scene, phi, photons) if kept is None else Truth(kept["batches"])
+    if file is not None and kept is None:
+        write_npz(file, {"batches": truth.batches})
     previews = [
         preview_checker(scene, coarse=True), few_paths_checker(scene), preview_checker(scene),
     ]  # fmt: skip
@@ -206,10 +214,9 @@ def _measured(
     settings = scene_scale(scene)
     drawn = checker_transport(checker, phi, np.array(scene.bending.angles))
     # Photons go to every site, scores to those that count.
-    T, se = (each[..., counted_sites(scene), :] for each in (found.T, found.se))
-    seen = np.isfinite(T)
-    truth = np.where(seen, T, drawn)
-    noise = np.where(seen, se, 0.0)
+    found = Truth(found.batches[..., counted_sites(scene), :])
+    seen = np.isfinite(found.T)
+    truth = np.where(seen, found.T, drawn)
 
     fibers = len(drawn)
     choice = rng.integers(0, len(phi), (DESIGNS, fibers))
@@ -226,8 +233,7 @@ def _measured(
     said, true_scores = scores(drawn), scores(truth)
     # Noise lowers S, which takes it for spread: as much as it lowers that of the preview.
     redrawn = [
-        np.maximum(drawn + noise * rng.standard_normal(noise.shape), 0.0)
-        for _ in range(NOISE_DRAWS)
+        np.maximum(drawn + np.where(seen, found.noise(rng), 0.0), 0.0) for _ in range(NOISE_DRAWS)
     ]
     noisy = [scores(cells) - said for cells in redrawn]
     error = said - (true_scores - np.mean(noisy, axis=0))
@@ -241,9 +247,8 @@ def _measured(
             np.median(np.linalg.norm(counts(cells) - counts(known), axis=-1)[lit] / light[lit])
         )
 
-    variance = np.einsum(
-        "dfbsk,dfc->dbskc", noise[np.arange(fibers), choice] ** 2, power**2, optimize=True
-    )
+    variance = np.where(seen, found.se**2, 0.0)[np.arange(fibers), choice]
+    variance = np.einsum("dfbsk,dfc->dbskc", variance, power**2, optimize=True)
     channels = counts(drawn)
     spread = SPREADS.get(checker.level, CONVERGED_ERRORS.color_spread)
     color_half = np.hypot(
@@ -278,7 +283,7 @@ def test_intervals_hold_as_often_as_they_state_whatever_the_noise() -> None:
 
 def test_the_preview_ranks_designs_and_its_intervals_hold() -> None:
     coarse, few_paths, converged = zip(
-        *([errors for errors, _ in measured(sensor(name), SAMPLES, PHOTONS)] for name in SENSORS),
+        *([errors for errors, _ in measured(sensor(name), PHOTONS)] for name in SENSORS),
         strict=True,
     )
     for found in (coarse, few_paths, converged):
@@ -292,7 +297,6 @@ def main() -> None:
     """Print the errors on many sensors, and the factors that they calibrate."""
     parser = argparse.ArgumentParser()
     parser.add_argument("sensors", nargs="*", default=list(map(str, range(1, 17))))
-    parser.add_argument("--samples", type=int, default=80)
     parser.add_argument("--photons", type=int, default=PHOTONS)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--models", type=Path)
@@ -304,7 +308,7 @@ def main() -> None:
     print("".join(f"{title:>9}" for title in titles))
     calibrating: list[list[ScoreErrors]] = [[], [], []]
     for name in asked.sensors:
-        found = measured(sensor(name), asked.samples, asked.photons, asked.keep, asked.models)
+        found = measured(sensor(name), asked.photons, asked.keep, asked.models)
         for i, (errors, ours) in enumerate(found):
             row = "".join(f"{value:9.3f}" for value in astuple(errors))
             print(f"{name:>9.9}{row}", flush=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +35,7 @@ from render.preview.converged.block import (
 from render.preview.converged.color_noise import Halved
 from render.preview.converged.launching import launched
 from render.preview.converged.walks import Block, Receivers, trace_arrivals
-from render.preview.facet_blur import FOOT_WIDTH
+from render.preview.facet_blur import RINGS, ring_count
 from render.scene import Scene
 
 ARRIVAL_KEY = 5 << 40
@@ -53,8 +54,9 @@ radii of the pyramid; that of an untouched spot is its own."""
 class Arrivals(NamedTuple):
     """Irradiance over pi, 1/mm^2 per unit power, that the coating has not reflected.
 
-    ``patches`` ``(patch, node)``, ``facets`` and their ``feet`` ``(site, facet, node)`` on the
-    pressed pad, ``spots`` ``(site, node)`` on the untouched one. ``grain`` ``(node,)`` is what one
+    ``patches`` ``(patch, node)``, ``facets`` ``(site, facet, node)`` and the coating before them,
+    ``feet`` ``(site, ring * facet, node)``, on the pressed pad, ``spots`` ``(site, node)`` on the
+    untouched one. ``grain`` ``(node,)`` is what one
     photon is worth to a receiver: the variance of an irradiance is about the grain times it.
     """
 
@@ -70,12 +72,13 @@ def no_arrivals(scene: Scene, nodes: int) -> Arrivals:
     columns, rows = patch_counts(scene)
     sites, faces = len(counted_sites(scene)), scene.indenter.faces
     shapes: tuple[tuple[int, ...], ...]
-    shapes = (columns * rows,), (sites, faces), (sites, faces), (sites,), ()
+    feet = ring_count(scene) * faces
+    shapes = (columns * rows,), (sites, faces), (sites, feet), (sites,), ()
     return Arrivals(*(np.zeros((*shape, nodes)) for shape in shapes))
 
 
 def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Receivers:
-    """Return facets, feet of facets and spots of all sites that count, in this order.
+    """Return facets, rings of coating before them and spots of all sites that count, in this order.
 
     ``sights`` ``(site, facet + 2, sight, 3)`` are lines of sight onto facets, onto the coating
     before them and onto the spot (`render.preview.facet_blur.lines_of_sight`).
@@ -86,15 +89,19 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
     azimuth = 2 * np.pi * (np.arange(faces)[:, None] + [-0.25, 0.25, 0.0]) / faces
     # A state may have turned the sites.
     azimuth = azimuth - scene.sites.turns[sites, None, None]
-    out = radius * (1.0 + FOOT_WIDTH * np.array([0.0, 0.0, 1.0]))
-    ring = np.stack([out * np.sin(azimuth), out * np.cos(azimuth)], axis=-1)
-    feet = chart.points(uv[:, None, None] + ring)
+    bounds = RINGS[: ring_count(scene) + 1]
+    rings = len(bounds) - 1
+    out = radius * np.array([[inner, inner, outer] for inner, outer in pairwise(bounds)])
+    around = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    before = out[:, None, :, None] * around[:, None]
+    feet = chart.points(uv[:, None, None] + before.reshape(len(uv), -1, 3, 2))
     inward = -chart.frames(uv)[..., 2]
     spot = np.repeat(shape.site_position[sites][:, None, None], 3, axis=2)
     corners = np.concatenate([shape.corners[sites], feet, spot], axis=1)
-    level = np.repeat(inward[:, None], faces + 1, axis=1)
+    level = np.repeat(inward[:, None], rings * faces + 1, axis=1)
     normal = np.concatenate([shape.normal[sites], level], axis=1)
     center, site = corners.mean(axis=2), shape.site_position[sites]
+    parts = center.shape[1]
     apart = np.linalg.norm(center - site[:, None], axis=-1).max()
     return Receivers(
         site=to_block(scene, site),
@@ -102,10 +109,10 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
         center=np.ascontiguousarray(to_block(scene, center)),
         normal=directions_to_block(normal),
         corners=np.ascontiguousarray(to_block(scene, corners)),
-        shaded=np.arange(2 * faces + 1) < 2 * faces,
-        radius=np.full(2 * faces + 1, DISK * radius),
+        shaded=np.arange(parts) < parts - 1,
+        radius=np.full(parts, DISK * radius),
         reach=float(apart) + DISK * radius,
-        sights=_onto_receivers(sights, len(sites), faces),
+        sights=_onto_receivers(sights, len(sites), faces, parts),
     )
 
 
@@ -117,10 +124,10 @@ def narrowed(receivers: Receivers, width: float, radius: float) -> Receivers:
     return receivers._replace(radius=disks)
 
 
-def _onto_receivers(sights: Array | None, sites: int, faces: int) -> Array:
+def _onto_receivers(sights: Array | None, sites: int, faces: int, parts: int) -> Array:
     if sights is None:
-        return np.zeros((sites, 2 * faces + 1, 0, 3))
-    chosen = [*range(faces), *([faces] * faces), faces + 1]
+        return np.zeros((sites, parts, 0, 3))
+    chosen = [*range(faces), *([faces] * (parts - faces - 1)), faces + 1]
     return directions_to_block(sights[:, chosen])
 
 
@@ -179,8 +186,8 @@ def arrivals(
 
     def scaled(patches: Array, received: Array, grain: Array) -> Arrivals:
         patches, received = patches / (np.pi * areas[:, None]), received / np.pi
-        facets, feet = received[:, :faces], received[:, faces : 2 * faces]
-        return Arrivals(patches, facets, feet, received[:, 2 * faces], grain)
+        facets, feet = received[:, :faces], received[:, faces:-1]
+        return Arrivals(patches, facets, feet, received[:, -1], grain)
 
     differences = (2.0 * first_half[0] - patches, 2.0 * first_half[1] - received)
     return Halved(scaled(patches, received, grain), scaled(*differences, np.zeros(nodes)))

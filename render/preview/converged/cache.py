@@ -23,7 +23,7 @@ from render.preview.diffuser.cache import cache_folder
 from render.progress import Clock, OnProgress
 from render.scene import Scene
 
-VERSION = 6
+VERSION = 7
 """Part of the cache key: raise it when the paths change."""
 PHI_NODES = 13
 """Directions: log transport of `finger20` between them is off by less than 0.1 % (99 %)."""

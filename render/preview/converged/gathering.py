@@ -26,13 +26,14 @@ from render.preview.converged.block import (
 )
 from render.preview.converged.color_noise import Halved
 from render.preview.converged.walks import Block, FaceGrid, find_coating, gather
-from render.preview.facet_blur import FOOT_WIDTH
+from render.preview.facet_blur import RINGS
 from render.scene import Scene
 from render.spread_points import spread_points
 
 FACET_KEY, SITE_KEY, PATCH_KEY = 2 << 40, 3 << 40, 4 << 40
 """Families of the streams of facets, untouched spots and patches."""
-
+RING_BITS = 18
+"""Bits of the number of a site's part, below that of a ring of coating."""
 
 NO_GRID = FaceGrid(np.zeros(4, np.int64), np.zeros(4, np.int64), np.zeros(4), 0, 0.0, 0)
 """The grid of a pad whose exit field nobody needs."""
@@ -98,13 +99,15 @@ def site_points(
     count: int,
     sights: Array = NO_SIGHTS,
     seed: int = 0,
+    ring: int = 0,
 ) -> Starts:
-    """Return points spread over the background spot of a site, or before the foot of a facet.
+    """Return points spread over the background spot of a site, or a ring of coating before a facet.
 
-    They are seen along ``sights`` ``(sight, 3)`` in turn.
+    They are seen along ``sights`` ``(sight, 3)`` in turn; ``ring`` is the number of one of `RINGS`.
     """
     faces = scene.indenter.faces
     key = SITE_KEY + (seed << 20) + int(site) * (faces + 1) + (faces if facet is None else facet)
+    key += ring << RING_BITS
     drawn = spread_points(range(count), 7, key)
     if facet is None:
         azimuth = 2 * np.pi * drawn[:, 5]
@@ -112,7 +115,8 @@ def site_points(
     else:
         azimuth = 2 * np.pi * (facet + drawn[:, 5] - 0.5) / scene.indenter.faces
         azimuth -= scene.sites.turns[site]
-        radius = scene.indenter.radius * (1.0 + FOOT_WIDTH * drawn[:, 6])
+        inner, outer = RINGS[ring : ring + 2]
+        radius = scene.indenter.radius * (inner + (outer - inner) * drawn[:, 6])
     offset = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     uv, chart = declared_sites(scene)[site, :2] + radius[:, None] * offset, SkinChart(scene, bend)
     points = to_block(scene, chart.points(uv))

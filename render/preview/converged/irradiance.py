@@ -27,6 +27,7 @@ from render.preview.converged.gathering import (
     site_points,
 )
 from render.preview.converged.walks import Block, FaceGrid
+from render.preview.facet_blur import ring_count
 from render.progress import Clock
 from render.scene import Scene
 
@@ -115,20 +116,19 @@ class Gathering:
         )
 
     def feet(self) -> Products:
-        """Return that of the coating before the facets ``(site * facet, column)``."""
+        """Return that of the coating before facets ``(site * ring * facet, column)``."""
         faces, sites = self._scene.indenter.faces, counted_sites(self._scene)
-        return self._products(
-            range(len(sites) * faces),
-            lambda i: site_points(
-                self._scene,
-                self._bend,
-                sites[i // faces],
-                i % faces,
-                self._few,
-                self._onto(i // faces, faces),
-                self._seed,
-            ),
-        )
+        rings = ring_count(self._scene)
+
+        def starts(i: int) -> Starts:
+            site, part = divmod(i, rings * faces)
+            ring, facet = divmod(part, faces)
+            return site_points(
+                self._scene, self._bend, sites[site], facet, self._few, self._onto(site, faces),
+                self._seed, ring,
+            )  # fmt: skip
+
+        return self._products(range(len(sites) * rings * faces), starts)
 
     def sites(self) -> Products:
         """Return that of the spots ``(site, column)``."""

@@ -43,7 +43,7 @@ from render.preview.converged.color_noise import (
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.irradiance import Gathering, field_of, irradiance
 from render.preview.converged.walks import FaceGrid
-from render.preview.facet_blur import facet_blurs, lines_of_sight
+from render.preview.facet_blur import facet_blurs, lines_of_sight, ring_count
 from render.progress import Clock
 from render.scene import Scene
 
@@ -163,7 +163,7 @@ def transport_at(
         scene = with_bonded_window(scene)
     sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
     paths = _Paths(scene, bend, phi, effort, clock, seed, sights)
-    blurs, channels = facet_blurs(scene, bend), len(scene.palette.channels)
+    blurs, channels = facet_blurs(scene, bend, ring_count(scene)), len(scene.palette.channels)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         spread = _exit_fields(paths, pool)
         followed = [_arrivals(paths, pool, effort.rounds * seed)]

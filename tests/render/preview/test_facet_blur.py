@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render.preview.facet_blur import facet_blur
+from render.preview.facet_blur import RINGS, facet_blur, facet_blurs, ring_count
 from render.scene import Scene, load_scene
 from tests.oracles.random_scenes import random_scene
 
@@ -60,6 +60,26 @@ def test_a_line_that_passes_the_pyramid_meets_the_foot_of_the_facet_that_it_is_b
     before = turned.mean(axis=(0, 1)) / turned.mean(axis=(0, 1)).sum()
     assert before[[-1, 0, 1]].sum() > 0.9
     assert before[0] == before.max()
+
+
+def test_rings_around_the_pyramid_have_the_light_of_all_lines_that_pass_it() -> None:
+    scene = random_scene(20)
+    faces, rings = scene.indenter.faces, ring_count(scene)
+    assert rings == len(RINGS) - 1
+    (whole,) = facet_blurs(scene, 0.0, rings)
+    foot = facet_blur(scene, 0.0)
+    np.testing.assert_allclose(whole.sum(axis=-1), foot.sum(axis=-1), rtol=1e-12)
+    np.testing.assert_array_equal(whole[..., :faces], foot[..., :faces])
+    np.testing.assert_array_equal(whole[:, -1, :-1], 0.0)
+    shares = whole[:, :faces] / whole[:, :faces].sum(axis=-1, keepdims=True)
+    before = shares[..., faces:-1].reshape(*shares.shape[:2], rings, faces).sum(axis=-1)
+    assert (before.mean(axis=(0, 1)) > 0.02).all()
+    assert shares[..., -1].mean() < 0.01
+
+
+@pytest.mark.parametrize("name", ["finger20", "finger24", "digit", "digit-dome", "gelsight-mini"])
+def test_pads_that_blur_little_have_one_ring(name: str) -> None:
+    assert ring_count(load_scene(name)) == 1
 
 
 def test_a_thick_pad_blurs_farther_than_the_pyramid_shades() -> None:

@@ -13,6 +13,7 @@ from render.preview.converged.block import bent_block, patch_areas
 from render.preview.converged.launching import launched
 from render.preview.diffuser.cache import fiber_ends
 from render.preview.diffuser.emission import radiance_of_nodes
+from render.preview.facet_blur import RINGS, ring_count
 from render.progress import Clock
 from render.scene import Scene
 from tests.oracles.analog_cells import AnalogScene
@@ -55,6 +56,39 @@ def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> 
     bright = expected > 0.2 * expected.max()
     assert bright.sum() >= 2
     np.testing.assert_allclose(found[bright], expected[bright], rtol=0.08)
+
+
+@pytest.mark.slow
+def test_without_refraction_rings_before_facets_get_the_inverse_square_of_their_distance() -> None:
+    scene = clear_pad(index=1.0, roughness=0.3, thickness=6.0)
+    rings, faces = ring_count(scene), scene.indenter.faces
+    assert rings == len(RINGS) - 1
+    lamp = 1
+    poses, end = fiber_poses(scene, 0.0), fiber_ends(scene)[lamp]
+    beam = poses.directions(np.full(scene.lamp_count, np.pi / 2))[lamp]
+    middle = scene.indenter.radius * 0.5 * (np.array(RINGS[:-1]) + np.array(RINGS[1:]))
+    azimuth = 2 * np.pi * np.arange(faces) / faces - scene.sites.turns[:, None]
+    around = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    offset = middle[:, None, None] * around[:, None]
+    places = declared_sites(scene)[:, None, None, :2] + offset
+    level = np.full((*places.shape[:-1], 1), scene.pad.thickness)
+    to = np.concatenate([places, level], axis=-1) - poses.position[lamp]
+    distance = np.linalg.norm(to, axis=-1)
+    angle = np.arccos(to @ beam / distance)
+    intensity = end.peak_intensity * end.radiance(angle) * np.cos(angle)
+    expected = intensity * to[..., 2] / distance / distance**2 / np.pi
+    found = arrived(scene, lamp, 600_000).feet[..., 0].reshape(expected.shape)
+    length = np.linalg.norm(offset, axis=-1)
+    facing = np.sum(-to[..., :2] * offset, axis=-1) > 0.5 * distance * length
+    bright = facing & (expected > 0.2 * expected.max())
+    assert all(bright[:, ring].any() for ring in range(rings))
+    np.testing.assert_allclose(found[bright], expected[bright], rtol=0.12)
+    # Behind the pyramid is its shadow, the less the farther.
+    behind = np.sum(to[..., :2] * offset, axis=-1) > 0.8 * distance * length
+    left = [np.mean((found / expected)[:, ring][behind[:, ring]]) for ring in range(rings)]
+    assert left[0] < 0.7
+    assert (np.diff(left) > 0.0).all()
+    assert left[-1] > 0.9
 
 
 def test_without_refraction_the_coating_gets_what_a_lamp_sends_into_its_solid_angle() -> None:
