@@ -3,11 +3,12 @@
 The preview as the shader draws it and those whose light was followed are made in ways that share
 little. Where they are far apart, light goes ways that are hard to follow, and the followed ones are
 less sure too. So the half-width of these for 90 % coverage is
-``hypot(DIFFERENCE_SHARE D, floor M, NOISE_SHARE n M)``, with D the same quantile of the differences
+``hypot(DIFFERENCE_SHARE D, floor M, HUE_SHARE n lam)``, with D the same quantile of the differences
 to the drawn one's scores over random designs of the very scene, and M the mean metric of its
 baseline. The floor is that of flat pads, of flat pads with a diffuser, whose light all previews
-miss alike, or of pads that bend; n is the photon noise of the colors above `NOISE_LIMIT`, up to
-which the floors hold it. The drawn preview has a fraction of M alone.
+miss alike, or of pads that bend; n is the photon noise of the colors, which ``lam`` of eq. (4.6)
+weighs: where a rough face blurs hues that differ little, it is some ten times M. The drawn preview
+has a fraction of M alone.
 
 The factors are split conformal over sensors (Vovk 2005; Lei et al. 2018), each sensor weighing the
 same: those that held 90 % of the scores of random designs on sensors that analog photons were sent
@@ -23,7 +24,6 @@ from collections.abc import Callable
 import numpy as np
 
 from render.arrays import Array
-from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene
 from surrogate.training.evaluation import random_colors
 
@@ -37,9 +37,8 @@ FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.008, 0.02, 0.015
 not bend, of others with a diffuser, and of pads that bend, whose light both lose alike."""
 DIFFERENCE_SHARE = 0.12
 """Half-width of a followed preview over D where they differ."""
-NOISE_SHARE = 0.3
-"""Half-width over M per photon noise of colors; other seeds moved 90 % of the scores of a bent pad
-by 0.3 to 0.6 of it (tests/validation/RESULTS.md)."""
+HUE_SHARE = 0.1
+"""Half-width over ``lam`` per photon noise of colors."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
@@ -50,16 +49,17 @@ def drawn_half_width(mean: float) -> float:
     return DRAWN_FRACTION * mean
 
 
-def followed_half_width(scene: Scene, mean: float, difference: float, photon_noise: float) -> float:
+def followed_half_width(
+    scene: Scene, mean: float, lam: float, difference: float, photon_noise: float
+) -> float:
     """Return the half-width of scores of a preview of ``scene`` whose light was followed, counts.
 
-    ``mean`` is M of its baseline, ``difference`` D of `preview_difference`; ``photon_noise`` that
-    of its colors, which widens where it is above `NOISE_LIMIT`.
+    ``mean`` is M of its baseline and ``lam`` the weight of its hues, both in counts, ``difference``
+    D of `preview_difference`, and ``photon_noise`` that of its colors.
     """
     flat = FLAT_FLOOR if scene.diffuser is None else DIFFUSER_FLOOR
     floor = BENT_FLOOR if any(scene.bending.angles) else flat
-    excess = math.sqrt(max(photon_noise**2 - NOISE_LIMIT**2, 0.0))
-    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, NOISE_SHARE * excess * mean)
+    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, HUE_SHARE * photon_noise * lam)
 
 
 def preview_difference(scene: Scene, drawn: Scores, followed: Scores) -> float:

@@ -45,8 +45,8 @@ from surrogate.runtime.metadata import CONVERGED, FEW_PATHS, PREVIEW, UNITS
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 4
 """Part of the cache key: raise it when the preview changes."""
-COUNTS_FACTOR = 2.0
-"""The interval of a color, in spreads."""
+COUNTS_FACTOR = 1.645
+"""The 90 % interval of a color, in standard deviations: errors were about normal."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class PreviewErrors:
 
     Arguments:
         kind: `PREVIEW`, `FEW_PATHS` or `CONVERGED`.
-        color_spread: half of the relative error that holds 90 % of the channels of facets.
+        color_spread: relative, of channels of facets: the error that holds 90 % of them over
+            `COUNTS_FACTOR`.
         facet_median, facet_p95: of colors, relative.
         score_median, score_p95: of scores, counts.
         kendall_tau: of its ranking of random designs.
@@ -75,9 +76,9 @@ class PreviewErrors:
         return {"level": self.kind} | {name: getattr(self, name) for name in names}
 
 
-COARSE_ERRORS = PreviewErrors(PREVIEW, 0.18, 0.22, 0.6, 11.0, 35.0, 0.73)
-FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.055, 0.047, 0.14, 4.0, 12.0, 0.89)
-CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.022, 0.02, 0.06, 2.0, 6.0, 0.9)
+COARSE_ERRORS = PreviewErrors(PREVIEW, 0.22, 0.22, 0.6, 11.0, 35.0, 0.73)
+FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.067, 0.047, 0.14, 4.0, 12.0, 0.89)
+CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.027, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 
 
@@ -144,7 +145,8 @@ def preview_half_width(
         lambda phi, power, one=one: one.outputs(phi, power, bends)["score"] for one in sessions
     ]
     difference = preview_difference(scene, *scores)
-    return followed_half_width(scene, mean, difference, followed.photon_noise or 0.0)
+    noise = followed.photon_noise or 0.0
+    return followed_half_width(scene, mean, scale.lam, difference, noise)
 
 
 class PreviewSession:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene, load_scene
 from surrogate.preview_interval import (
     BENT_FLOOR,
@@ -14,7 +13,7 @@ from surrogate.preview_interval import (
     DIFFERENCE_SHARE,
     DIFFUSER_FLOOR,
     FLAT_FLOOR,
-    NOISE_SHARE,
+    HUE_SHARE,
     followed_half_width,
     preview_difference,
 )
@@ -60,25 +59,24 @@ def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
 def test_flat_pads_with_a_diffuser_have_a_floor_of_their_own() -> None:
     bent = load_scene("finger20")
     flat = bent.model_copy(update={"bending": bent.bending.model_copy(update={"angles": (0.0,)})})
-    assert followed_half_width(flat, 200.0, 0.0, 0.0) == pytest.approx(200.0 * DIFFUSER_FLOOR)
+    assert followed_half_width(flat, 200.0, 500.0, 0.0, 0.0) == pytest.approx(
+        200.0 * DIFFUSER_FLOOR
+    )
 
 
 def test_the_interval_grows_from_its_floor_to_a_share_of_the_difference(scene: Scene) -> None:
     floor = {"finger20": BENT_FLOOR, "digit": FLAT_FLOOR}[scene.name]
-    assert followed_half_width(scene, 200.0, 0.0, 0.0) == pytest.approx(200.0 * floor)
+    assert followed_half_width(scene, 200.0, 500.0, 0.0, 0.0) == pytest.approx(200.0 * floor)
     far = 1e6
-    found = followed_half_width(scene, 200.0, far, 0.0)
+    found = followed_half_width(scene, 200.0, 500.0, far, 0.0)
     assert found == pytest.approx(far * DIFFERENCE_SHARE, rel=1e-6)
-    widths = [followed_half_width(scene, 200.0, difference, 0.0) for difference in (0, 1, 10, 100)]
+    widths = [followed_half_width(scene, 200.0, 500.0, one, 0.0) for one in (0, 1, 10, 100)]
     assert widths == sorted(set(widths))
 
 
-def test_photon_noise_above_its_limit_widens_the_interval_and_never_narrows_it(
-    scene: Scene,
-) -> None:
-    quiet = followed_half_width(scene, 200.0, 10.0, 0.0)
-    assert followed_half_width(scene, 200.0, 10.0, NOISE_LIMIT) == quiet
-    noisy = [followed_half_width(scene, 200.0, 10.0, noise) for noise in (0.031, 0.04, 0.1)]
-    assert [quiet, *noisy] == sorted({quiet, *noisy})
-    far = followed_half_width(scene, 200.0, 10.0, 10.0)
-    assert far == pytest.approx(10.0 * NOISE_SHARE * 200.0, rel=1e-3)
+def test_photon_noise_widens_the_interval_by_what_hues_weigh(scene: Scene) -> None:
+    for lam in (500.0, 8000.0):
+        noisy = [followed_half_width(scene, 200.0, lam, 10.0, one) for one in (0, 0.01, 0.03, 0.1)]
+        assert noisy == sorted(set(noisy))
+        far = followed_half_width(scene, 200.0, lam, 10.0, 10.0)
+        assert far == pytest.approx(10.0 * HUE_SHARE * lam, rel=1e-3)

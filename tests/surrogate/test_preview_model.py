@@ -270,5 +270,6 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     for followed in (first, checker):
         difference = preview_difference(scene, scores(drawn), scores(followed))
         noise = followed.photon_noise or 0.0
-        expected = followed_half_width(scene, mean(followed), difference, noise)
+        lam = followed.metadata.lam
+        expected = followed_half_width(scene, mean(followed), lam, difference, noise)
         assert followed.score_half_width == pytest.approx(expected, rel=1e-3)

@@ -32,6 +32,6 @@ def test_a_night_that_is_killed_every_ten_seconds_ends_bit_equal_in_three_times_
     found = json.loads(done.stdout)
     print(done.stdout)
     assert found["done"]
-    assert len(found["lives"]) > 2
+    assert len(found["lives"]) > 1
     assert outcome(tmp_path / "broken") == outcome(tmp_path / "unbroken")
     assert found["broken"] < MOST * found["unbroken"]
