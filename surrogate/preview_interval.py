@@ -32,12 +32,12 @@ DESIGNS = 100
 """Random designs that the two previews are compared on."""
 DRAWN_FRACTION = 0.085
 """Half-width of the preview as drawn over the baseline's mean M."""
-FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.008, 0.02, 0.015
+FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.005, 0.012, 0.02
 """Half-width of a followed preview over M where it and the drawn one agree: of clear pads that do
 not bend, of others with a diffuser, and of pads that bend, whose light both lose alike."""
-DIFFERENCE_SHARE = 0.12
+DIFFERENCE_SHARE = 0.1
 """Half-width of a followed preview over D where they differ."""
-HUE_SHARE = 0.1
+HUE_SHARE = 0.08
 """Half-width over ``lam`` per photon noise of colors."""
 
 Scores = Callable[[Array, Array], Array]
