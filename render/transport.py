@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.files import read_npz, write_npz
 
-LEVELS = ("preview", "preview of few paths", "converged preview", "surrogate", "reference")
+Level = Literal["preview", "preview of few paths", "converged preview", "surrogate", "reference"]
+"""How light is known, from a picture to renders."""
+LEVELS: tuple[Level, ...] = get_args(Level)
 
 OPTIONAL = ("background", "background_se", "half_difference")
 """Arrays that a table may be without."""
@@ -42,7 +45,7 @@ class TransportTable:
         exposure: counts per unit of ``sum_f power_f T_f``.
         lam: weight of M_phi in eq. (4.6).
         scene_hash: the scene that it was made for; empty for foreign tables.
-        level: ``preview``, ``surrogate`` or ``reference``.
+        level: one of `LEVELS`.
     """
 
     T: Array

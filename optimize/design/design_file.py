@@ -29,13 +29,14 @@ from pydantic import (
 )
 
 from optimize.design.design import Design
-from optimize.design.rating import PARTS, Level, RatedDesign, Rating, ScoreSettings
+from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
 from optimize.ui.provenance import package_versions
 from render.errors import DesignError
 from render.files import read_bytes, write_text
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, load_scene, shipped_scenes
+from render.transport import Level
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]

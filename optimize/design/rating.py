@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -20,8 +19,8 @@ from render.metric import (
     site_metric,
 )
 from render.scene import Scene
+from render.transport import Level
 
-Level = Literal["preview", "preview of few paths", "converged preview", "surrogate", "reference"]
 LEVEL_NAMES: dict[str, str] = {
     "preview": "0, preview",
     "preview of few paths": "0, preview of few paths",

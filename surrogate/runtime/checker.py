@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from render.arrays import Array
 from render.errors import ModelError
-from render.transport import TransportTable
+from render.transport import Level, TransportTable
 from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata, read_props
 from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model m
 
 # Designs per call of the runtime: enough to fill its threads, few enough to stay in the cache.
 _BATCH = 64
-
-Level = Literal["preview", "preview of few paths", "converged preview", "surrogate"]
 
 
 class Checker:
