@@ -121,3 +121,20 @@ def test_a_bent_pads_facets_are_lit_by_their_form_factors() -> None:
     assert stats.sem(sums) < 0.03 * expected
     assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
     assert np.abs((cells.T - truth)[lit] / cells.se[lit]).max() < 4.5
+
+
+def test_facets_of_a_bent_pad_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
+    wide, bend, ahead = without_faces(1e-4), 0.8, np.pi / 2
+    narrow = wide.fibers.model_copy(update={"sigma_v": np.radians(3.0), "tilt": 0.0})
+    scene = wide.model_copy(update={"fibers": narrow})
+    bent = BentScene(scene, bend, views=2000)
+    truth = facet_radiance(scene, bend, bent.lamp(0, ahead))
+    # Three in the beam, three beside it that have 4 to 12 % of the brightest.
+    lit = truth > 0.04 * truth.max()
+    assert lit.sum() >= 6
+    assert (truth[lit] < 0.15 * truth.max()).sum() >= 3
+    cells = bent.cells(0, ahead, 8_000_000)
+    for part in (lit, lit & (truth < 0.15 * truth.max())):
+        sums, expected = cells.replicates[:, part].sum(axis=1), truth[part].sum()
+        assert stats.sem(sums) < 0.05 * expected
+        assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
