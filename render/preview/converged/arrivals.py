@@ -28,6 +28,7 @@ from render.geometry.visibility import BACKGROUND_RADIUS
 from render.preview.converged.block import (
     beam_widths,
     directions_to_block,
+    on_pad,
     patch_areas,
     patch_counts,
     to_block,
@@ -92,9 +93,9 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
     bounds = RINGS[: ring_count(scene) + 1]
     rings = len(bounds) - 1
     out = radius * np.array([[inner, inner, outer] for inner, outer in pairwise(bounds)])
-    around = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
-    before = out[:, None, :, None] * around[:, None]
-    feet = chart.points(uv[:, None, None] + before.reshape(len(uv), -1, 3, 2))
+    outward = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    before = (out[:, None, :, None] * outward[:, None]).reshape(len(uv), -1, 3, 2)
+    feet = chart.points(on_pad(scene, uv[:, None, None] + before))
     inward = -chart.frames(uv)[..., 2]
     spot = np.repeat(shape.site_position[sites][:, None, None], 3, axis=2)
     corners = np.concatenate([shape.corners[sites], feet, spot], axis=1)

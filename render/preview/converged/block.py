@@ -163,6 +163,12 @@ def beam_widths(scene: Scene) -> Array:
     return np.array(widths)
 
 
+def on_pad(scene: Scene, uv: Array) -> Array:
+    """Return places of the coating ``(..., 2)``, mm; those beyond its sides at the nearest side."""
+    half = 0.5 * np.array([scene.pad.width, scene.pad.length]) * (1.0 - 1e-4)
+    return np.clip(uv, -half, half)
+
+
 def patch_counts(scene: Scene) -> tuple[int, int]:
     """Return columns and rows of the coating's patches: as fine as the narrowest beam asks."""
     pad = scene.pad

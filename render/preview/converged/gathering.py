@@ -18,6 +18,7 @@ from render.geometry.visibility import BACKGROUND_RADIUS
 from render.preview.converged.block import (
     cell_count,
     directions_to_block,
+    on_pad,
     orthonormal_terms,
     patch_counts,
     skin_stretch,
@@ -118,7 +119,8 @@ def site_points(
         inner, outer = RINGS[ring : ring + 2]
         radius = scene.indenter.radius * (inner + (outer - inner) * drawn[:, 6])
     offset = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
-    uv, chart = declared_sites(scene)[site, :2] + radius[:, None] * offset, SkinChart(scene, bend)
+    uv = on_pad(scene, declared_sites(scene)[site, :2] + radius[:, None] * offset)
+    chart = SkinChart(scene, bend)
     points = to_block(scene, chart.points(uv))
     normals = directions_to_block(-chart.frames(uv)[..., 2])
     weights, drawn = np.full(count, 1 / count), np.ascontiguousarray(drawn[:, :5])

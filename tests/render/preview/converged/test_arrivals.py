@@ -10,6 +10,7 @@ from render.geometry import declared_sites, fiber_poses
 from render.preview.converged import Effort, block, transport, transport_at
 from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
 from render.preview.converged.block import bent_block, patch_areas
+from render.preview.converged.gathering import site_points
 from render.preview.converged.launching import launched
 from render.preview.diffuser.cache import fiber_ends
 from render.preview.diffuser.emission import radiance_of_nodes
@@ -31,6 +32,10 @@ def clear_pad(**pad: float) -> Scene:
     """Return a flat pad without a diffuser, with values of ``pad`` in place of its own."""
     scene = small_scene(bending=FLAT).model_copy(update={"diffuser": None})
     return scene.model_copy(update={"pad": scene.pad.model_copy(update=pad)})
+
+
+def from_block(scene: Scene, points: np.ndarray) -> np.ndarray:
+    return points * [1.0, 1.0, -1.0] + [0.0, scene.camera.pivot, scene.pad.thickness]
 
 
 def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrivals:
@@ -89,6 +94,26 @@ def test_without_refraction_rings_before_facets_get_the_inverse_square_of_their_
     assert left[0] < 0.7
     assert (np.diff(left) > 0.0).all()
     assert left[-1] > 0.9
+
+
+def test_rings_that_leave_the_pad_end_at_its_side() -> None:
+    scene = clear_pad(roughness=0.3, thickness=6.0)
+    half = 0.5 * np.array([scene.pad.width, scene.pad.length])
+    away = half[0] - 1.5 * scene.indenter.radius - declared_sites(scene)[:, 0].max()
+    moved = scene.sites.model_copy(update={"centre_x": scene.sites.centre_x + away})
+    scene = scene.model_copy(update={"sites": moved})
+    corners = from_block(scene, receivers_at(scene, 0.0).corners)[..., :2]
+    near = int(np.argmax(declared_sites(scene)[:, 0]))
+    starts = [
+        from_block(scene, site_points(scene, 0.0, near, facet, 64, ring=len(RINGS) - 2).points)
+        for facet in range(scene.indenter.faces)
+    ]
+    for places in (corners.reshape(-1, 2), np.concatenate(starts)[:, :2]):
+        assert np.isclose(places[:, 0].max(), half[0], rtol=1e-3)
+        assert (np.abs(places) < half).all()
+    lit = arrived(scene, 1, 20_000).feet
+    assert np.isfinite(lit).all()
+    assert lit.reshape(len(scene.sites.turns), ring_count(scene), -1).sum(axis=(0, 2)).min() > 0.0
 
 
 def test_without_refraction_the_coating_gets_what_a_lamp_sends_into_its_solid_angle() -> None:
