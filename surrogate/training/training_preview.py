@@ -15,7 +15,7 @@ from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
 from surrogate.training.finished_parts import FinishedParts
 
-MAX_FRACTION = 0.5
+MAX_FRACTION = 0.75
 """Part of the time that following light may take from renders and fit. It is worth more: what
 minutes of renders know of a color is noisier than the converged preview."""
 NOISE_GOAL = 0.01
