@@ -292,5 +292,5 @@ def _first_met(
         near = np.clip((BEYOND - radii) / (BEYOND - RINGS[1]), 0.0, 1.0)
     else:
         near = np.where(radii < RINGS[rings], 1.0, 0.0)
-    ring = np.clip(np.searchsorted(RINGS[1:rings], radii, side="right"), 0, rings - 1)
+    ring = np.searchsorted(RINGS[1:rings], radii, side="right")
     return np.where(meets, facet, faces * (1 + ring) + before), np.where(meets, 1.0, near)

@@ -281,6 +281,21 @@ def test_intervals_hold_as_often_as_they_state_whatever_the_noise() -> None:
     assert np.abs(np.array(left_out(sensors)) - COVERAGE).max() < 0.01
 
 
+def test_noise_is_redrawn_as_cells_share_it_and_lamps_do_not() -> None:
+    rng = np.random.default_rng(0)
+    # Two cells of a site have nine tenths of their variance by the same photons.
+    shared, own = rng.standard_normal((16, 3, 1, 1, 1, 1)), rng.standard_normal((16, 3, 1, 1, 1, 2))
+    batches = 1.0 + np.sqrt(0.9) * shared + np.sqrt(0.1) * own
+    truth = Truth(batches)
+    drawn = np.array([truth.noise(rng) for _ in range(20_000)])[:, :, 0, 0, 0]
+    for lamp, cells in enumerate(batches[:, :, 0, 0, 0].swapaxes(0, 1)):
+        np.testing.assert_allclose(
+            np.cov(drawn[:, lamp], rowvar=False), np.cov(cells, rowvar=False) / 16, rtol=0.06
+        )
+    sums = drawn.sum(axis=-1)
+    assert np.abs(np.corrcoef(sums, rowvar=False) - np.eye(3)).max() < 0.03
+
+
 def test_the_preview_ranks_designs_and_its_intervals_hold() -> None:
     coarse, few_paths, converged = zip(
         *([errors for errors, _ in measured(sensor(name), PHOTONS)] for name in SENSORS),

@@ -57,8 +57,8 @@ class Arrivals(NamedTuple):
 
     ``patches`` ``(patch, node)``, ``facets`` ``(site, facet, node)`` and the coating before them,
     ``feet`` ``(site, ring * facet, node)``, on the pressed pad, ``spots`` ``(site, node)`` on the
-    untouched one. ``grain`` ``(node,)`` is what one
-    photon is worth to a receiver: the variance of an irradiance is about the grain times it.
+    untouched one. ``grain`` ``(node,)`` is what one photon is worth to a receiver: the variance of
+    an irradiance is about the grain times it.
     """
 
     patches: Array
@@ -72,8 +72,8 @@ def no_arrivals(scene: Scene, nodes: int) -> Arrivals:
     """Return those of a lamp all of whose light belongs to the exit field."""
     columns, rows = patch_counts(scene)
     sites, faces = len(counted_sites(scene)), scene.indenter.faces
-    shapes: tuple[tuple[int, ...], ...]
     feet = ring_count(scene) * faces
+    shapes: tuple[tuple[int, ...], ...]
     shapes = (columns * rows,), (sites, faces), (sites, feet), (sites,), ()
     return Arrivals(*(np.zeros((*shape, nodes)) for shape in shapes))
 

@@ -43,20 +43,25 @@ def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrival
     return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons).whole
 
 
-@pytest.mark.slow
-def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> None:
-    scene = clear_pad(index=1.0)
-    lamp = 1
+def inverse_square(scene: Scene, lamp: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the way from a lamp to level ``places`` ``(..., 3)``, and irradiance over pi there."""
     poses, end = fiber_poses(scene, 0.0), fiber_ends(scene)[lamp]
-    flat = declared_sites(scene)
-    spots = np.column_stack([flat[:, :2], np.full(len(flat), scene.pad.thickness)])
-    to = spots - poses.position[lamp]
-    distance = np.linalg.norm(to, axis=1)
+    to = places - poses.position[lamp]
+    distance = np.linalg.norm(to, axis=-1)
     beam = poses.directions(np.full(scene.lamp_count, np.pi / 2))[lamp]
     angle = np.arccos(to @ beam / distance)
     # Light gets in at the edge alone; the lamp is a disk that a far spot sees foreshortened.
     intensity = end.peak_intensity * end.radiance(angle) * np.cos(angle)
-    expected = intensity * to[:, 2] / distance / distance**2 / np.pi
+    return to, intensity * to[..., 2] / distance / distance**2 / np.pi
+
+
+@pytest.mark.slow
+def test_without_refraction_a_spot_gets_the_inverse_square_of_its_distance() -> None:
+    scene = clear_pad(index=1.0)
+    lamp = 1
+    flat = declared_sites(scene)
+    spots = np.column_stack([flat[:, :2], np.full(len(flat), scene.pad.thickness)])
+    _, expected = inverse_square(scene, lamp, spots)
     found = arrived(scene, lamp, 600_000).spots[:, 0]
     bright = expected > 0.2 * expected.max()
     assert bright.sum() >= 2
@@ -69,19 +74,14 @@ def test_without_refraction_rings_before_facets_get_the_inverse_square_of_their_
     rings, faces = ring_count(scene), scene.indenter.faces
     assert rings == len(RINGS) - 1
     lamp = 1
-    poses, end = fiber_poses(scene, 0.0), fiber_ends(scene)[lamp]
-    beam = poses.directions(np.full(scene.lamp_count, np.pi / 2))[lamp]
     middle = scene.indenter.radius * 0.5 * (np.array(RINGS[:-1]) + np.array(RINGS[1:]))
     azimuth = 2 * np.pi * np.arange(faces) / faces - scene.sites.turns[:, None]
     around = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     offset = middle[:, None, None] * around[:, None]
     places = declared_sites(scene)[:, None, None, :2] + offset
     level = np.full((*places.shape[:-1], 1), scene.pad.thickness)
-    to = np.concatenate([places, level], axis=-1) - poses.position[lamp]
+    to, expected = inverse_square(scene, lamp, np.concatenate([places, level], axis=-1))
     distance = np.linalg.norm(to, axis=-1)
-    angle = np.arccos(to @ beam / distance)
-    intensity = end.peak_intensity * end.radiance(angle) * np.cos(angle)
-    expected = intensity * to[..., 2] / distance / distance**2 / np.pi
     found = arrived(scene, lamp, 600_000).feet[..., 0].reshape(expected.shape)
     length = np.linalg.norm(offset, axis=-1)
     facing = np.sum(-to[..., :2] * offset, axis=-1) > 0.5 * distance * length
