@@ -56,14 +56,14 @@ class Arrivals(NamedTuple):
     """Irradiance over pi, 1/mm^2 per unit power, that the coating has not reflected.
 
     ``patches`` ``(patch, node)``, ``facets`` ``(site, facet, node)`` and the coating before them,
-    ``feet`` ``(site, ring * facet, node)``, on the pressed pad, ``spots`` ``(site, node)`` on the
+    ``rings`` ``(site, ring * facet, node)``, on the pressed pad, ``spots`` ``(site, node)`` on the
     untouched one. ``grain`` ``(node,)`` is what one photon is worth to a receiver: the variance of
     an irradiance is about the grain times it.
     """
 
     patches: Array
     facets: Array
-    feet: Array
+    rings: Array
     spots: Array
     grain: Array
 
@@ -72,9 +72,9 @@ def no_arrivals(scene: Scene, nodes: int) -> Arrivals:
     """Return those of a lamp all of whose light belongs to the exit field."""
     columns, rows = patch_counts(scene)
     sites, faces = len(counted_sites(scene)), scene.indenter.faces
-    feet = ring_count(scene) * faces
+    around = ring_count(scene) * faces
     shapes: tuple[tuple[int, ...], ...]
-    shapes = (columns * rows,), (sites, faces), (sites, feet), (sites,), ()
+    shapes = (columns * rows,), (sites, faces), (sites, around), (sites,), ()
     return Arrivals(*(np.zeros((*shape, nodes)) for shape in shapes))
 
 
@@ -91,15 +91,14 @@ def receivers_at(scene: Scene, bend: float, sights: Array | None = None) -> Rece
     # A state may have turned the sites.
     azimuth = azimuth - scene.sites.turns[sites, None, None]
     bounds = RINGS[: ring_count(scene) + 1]
-    rings = len(bounds) - 1
     out = radius * np.array([[inner, inner, outer] for inner, outer in pairwise(bounds)])
     outward = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
     before = (out[:, None, :, None] * outward[:, None]).reshape(len(uv), -1, 3, 2)
-    feet = chart.points(on_pad(scene, uv[:, None, None] + before))
+    rings = chart.points(on_pad(scene, uv[:, None, None] + before))
     inward = -chart.frames(uv)[..., 2]
     spot = np.repeat(shape.site_position[sites][:, None, None], 3, axis=2)
-    corners = np.concatenate([shape.corners[sites], feet, spot], axis=1)
-    level = np.repeat(inward[:, None], rings * faces + 1, axis=1)
+    corners = np.concatenate([shape.corners[sites], rings, spot], axis=1)
+    level = np.repeat(inward[:, None], corners.shape[1] - faces, axis=1)
     normal = np.concatenate([shape.normal[sites], level], axis=1)
     center, site = corners.mean(axis=2), shape.site_position[sites]
     parts = center.shape[1]
@@ -187,8 +186,8 @@ def arrivals(
 
     def scaled(patches: Array, received: Array, grain: Array) -> Arrivals:
         patches, received = patches / (np.pi * areas[:, None]), received / np.pi
-        facets, feet = received[:, :faces], received[:, faces:-1]
-        return Arrivals(patches, facets, feet, received[:, -1], grain)
+        facets, rings = received[:, :faces], received[:, faces:-1]
+        return Arrivals(patches, facets, rings, received[:, -1], grain)
 
     differences = (2.0 * first_half[0] - patches, 2.0 * first_half[1] - received)
     return Halved(scaled(patches, received, grain), scaled(*differences, np.zeros(nodes)))

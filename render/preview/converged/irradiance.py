@@ -1,4 +1,4 @@
-"""Irradiance on facets, their feet and spots of the coating: from the layer, and from each other.
+"""Irradiance on facets, rings before them and spots: from the layer, and from each other.
 
 What comes of the exit field straight (`gathering`) and how much points get of the coating's patches
 is followed once, whatever the albedo of the coating and the light that arrives by itself.
@@ -34,7 +34,7 @@ from render.scene import Scene
 BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
 MINOR = 8
-"""Patches and feet of facets, which count little, have so many times fewer paths than facets."""
+"""Patches and rings of coating, which count little, have so many times fewer paths than facets."""
 
 
 def field_of(arrived: Halved[Arrivals], name: str) -> Halved[Array]:
@@ -115,7 +115,7 @@ class Gathering:
             ticks=True,
         )
 
-    def feet(self) -> Products:
+    def rings(self) -> Products:
         """Return that of the coating before facets ``(site * ring * facet, column)``."""
         faces, sites = self._scene.indenter.faces, counted_sites(self._scene)
         rings = ring_count(self._scene)

@@ -171,13 +171,13 @@ def transport_at(
             Gathering(scene, bend, block, spread, effort.paths, clock, pool, sights, seed)
             for block in (paths.pressed, paths.untouched)
         )
-        facets, feet, spots = pressed.facets(), pressed.feet(), untouched.sites()
+        facets, rings, spots = pressed.facets(), pressed.rings(), untouched.sites()
         while True:
             arrived = _mean(followed)
             sent = pressed.sent(arrived), untouched.sent(arrived)
             lit = (
                 irradiance(facets, field_of(arrived, "facets"), sent[0]),
-                irradiance(feet, field_of(arrived, "feet"), sent[0]),
+                irradiance(rings, field_of(arrived, "rings"), sent[0]),
                 irradiance(spots, field_of(arrived, "spots"), sent[1]),
             )
             parts = [
@@ -203,12 +203,12 @@ def _by_channel(scene: Scene, parts: list[ConvergedTransport]) -> ConvergedTrans
 
 def _seen(
     columns: list[slice], nodes: int, blur: Array, grain: Array, channels: int,
-    facet: Halved[Array], foot: Halved[Array], site: Halved[Array],
+    facet: Halved[Array], ring: Halved[Array], site: Halved[Array],
 ) -> ConvergedTransport:  # fmt: skip
-    """Return what the camera sees of the irradiance on facets, their feet and sites."""
+    """Return what the camera sees of the irradiance on facets, rings before them and sites."""
 
-    def cells_of(facet: Array, foot: Array, site: Array) -> Array:
-        sent = np.concatenate([facet, foot, site[:, None]], axis=1)
+    def cells_of(facet: Array, ring: Array, site: Array) -> Array:
+        sent = np.concatenate([facet, ring, site[:, None]], axis=1)
         cells = np.einsum("sij,sjr->sir", blur[:, :-1], sent)
         background = blur[:, -1, -1:, None] * site[:, None]
         cells = np.concatenate([cells, background], axis=1)
@@ -217,7 +217,7 @@ def _seen(
             out[lamp] = np.moveaxis(cells[..., own], -1, 0)
         return out
 
-    cells = Halved(*(cells_of(*each) for each in zip(facet, foot, site, strict=True)))
+    cells = Halved(*(cells_of(*each) for each in zip(facet, ring, site, strict=True)))
     passed = np.pi * float(np.median(blur[:, :-1].sum(axis=-1)))
     grains = np.zeros((len(columns), nodes))
     for lamp, own in enumerate(columns):

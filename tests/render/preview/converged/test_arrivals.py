@@ -82,7 +82,7 @@ def test_without_refraction_rings_before_facets_get_the_inverse_square_of_their_
     level = np.full((*places.shape[:-1], 1), scene.pad.thickness)
     to, expected = inverse_square(scene, lamp, np.concatenate([places, level], axis=-1))
     distance = np.linalg.norm(to, axis=-1)
-    found = arrived(scene, lamp, 600_000).feet[..., 0].reshape(expected.shape)
+    found = arrived(scene, lamp, 600_000).rings[..., 0].reshape(expected.shape)
     length = np.linalg.norm(offset, axis=-1)
     facing = np.sum(-to[..., :2] * offset, axis=-1) > 0.5 * distance * length
     bright = facing & (expected > 0.2 * expected.max())
@@ -111,7 +111,7 @@ def test_rings_that_leave_the_pad_end_at_its_side() -> None:
     for places in (corners.reshape(-1, 2), np.concatenate(starts)[:, :2]):
         assert np.isclose(places[:, 0].max(), half[0], rtol=1e-3)
         assert (np.abs(places) < half).all()
-    lit = arrived(scene, 1, 20_000).feet
+    lit = arrived(scene, 1, 20_000).rings
     assert np.isfinite(lit).all()
     assert lit.reshape(len(scene.sites.turns), ring_count(scene), -1).sum(axis=(0, 2)).min() > 0.0
 
