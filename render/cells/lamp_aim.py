@@ -18,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
+from render.cells.bonded_aim import BondedWay, way_over_bond
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import LOWER, fiber_poses
 from render.paths.reflection_lobe import ReflectionLobe
@@ -30,8 +31,6 @@ MIN_WIDTH = 5e-4
 GRAZING_COSINE = 0.05
 """Least cosine of refraction in widths: they vanish where light leaves along the face."""
 NEWTON_STEPS = 4
-BOND_STEPS = 3
-"""Steps in which an aim takes the refraction between pad and window in."""
 
 
 @dataclass(frozen=True)
@@ -179,28 +178,14 @@ class LampAim:
         seen = dr.select(mirrored, image, seen)
         unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored)])
         # ------------------------- Snell's law at the face -----------------------------
+        blur = dr.select(mirrored, 1.4 * lower, 0.0)
+        if self.bonded is not None:
+            over = self._over_bond(fiber, a, seen, foot, inward, lamp, mirrored)
+            size = _size(radius, slope, index, over.after)
+            wide, narrow = (dr.hypot(size * each, blur) for each in (over.wide, over.narrow))
+            return _lobe(over.axis, over.ahead, wide, narrow), unfold
         way = self._way_to(fiber, seen, foot, inward, lamp, index)
         axis = way.axis
-        if self.bonded is not None:
-            # A layer of the other index bends as one of another thickness would: the aim with the
-            # thickness of the last gives the next.
-            pad_index, plate = self.bonded
-            in_window = foot.z < 0.0
-            other = dr.select(in_window, pad_index, plate)
-            layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, 0.0))
-            layer = dr.select(mirrored, -layer, layer)
-            for _ in range(BOND_STEPS):
-                along = dr.square(index) * (1.0 - dr.square(axis.z))
-                height = dr.maximum(dr.square(other) - along, 1e-3)
-                thicker = dr.sqrt((dr.square(index) - along) / height) - 1.0
-                shifted = mi.Point3f(seen.x, seen.y, seen.z + thicker * layer)
-                way = self._way_to(fiber, shifted, foot, inward, lamp, index)
-                axis = way.axis
-            # And at the bond itself, where the lamp is behind it.
-            ratio = dr.select(in_window, plate / pad_index, 1.0)
-            rise = dr.maximum(1.0 - dr.square(ratio) * (1.0 - dr.square(axis.z)), 1e-4)
-            rise = dr.mulsign(dr.sqrt(rise), axis.z)
-            axis = dr.normalize(mi.Vector3f(ratio * axis.x, ratio * axis.y, rise))
         inside, outside, before, after = way.inside, way.outside, way.before, way.after
         # ------------------------- Widths ----------------------------------------------
         cos_in, cos_out = inside / before, dr.maximum(outside / after, GRAZING_COSINE)
@@ -209,19 +194,30 @@ class LampAim:
         # What the lamp's plane moves by per angle, in and across the plane of incidence.
         moved_in = before * cos_out / cos_in + after * index * cos_in / cos_out
         moved_across = before + after * index
-        rough = 2.0 * (index - 1.0) * slope * after
-        size = dr.sqrt(dr.square(LOBE_RADIUS * radius) + dr.square(rough))
-        blur = dr.select(mirrored, 1.4 * lower, 0.0)
+        size = _size(radius, slope, index, after)
         wide, narrow = (dr.hypot(size / moved, blur) for moved in (moved_in, moved_across))
         sideways = dr.cross(axis, inward)
         other = dr.select(dr.abs(inward.x) > 0.9, mi.Vector3f(0, 1, 0), mi.Vector3f(1, 0, 0))
         sideways = dr.select(dr.squared_norm(sideways) > 1e-8, dr.normalize(sideways), other)
-        ahead = dr.normalize(dr.cross(sideways, axis))
-        lobe = ReflectionLobe(
-            axis, ahead, dr.cross(axis, ahead),
-            dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
+        return _lobe(axis, dr.normalize(dr.cross(sideways, axis)), wide, narrow), unfold
+
+    def _over_bond(
+        self, fiber: mi.UInt32, a: mi.Point3f, seen: mi.Point3f, foot: mi.Vector3f,
+        inward: mi.Vector3f, lamp: mi.Vector3f, mirrored: mi.Bool,
+    ) -> BondedWay:  # fmt: skip
+        """Return the way from ``seen``, the unfolded ``a``, where a bond refracts."""
+        assert self.bonded is not None
+        pad_index, plate = self.bonded
+        in_window, level = foot.z < 0.0, dr.gather(mi.Float, self.constants, mi.UInt32(1))
+        # Before a lamp at the window lies the pad above, before others the window twice or not.
+        layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, 0.0))
+        if self.inside is not None:
+            straight = dr.normalize(mi.Vector3f(seen) - lamp)
+            inward = dr.select(dr.gather(mi.Bool, self.inside, fiber), straight, inward)
+        return way_over_bond(
+            seen, layer, dr.select(in_window, pad_index, plate), mirrored, foot, inward, lamp,
+            dr.select(in_window, plate, pad_index), in_window,
         )  # fmt: skip
-        return lobe, unfold
 
     def _way_to(
         self, fiber: mi.UInt32, seen: mi.Point3f, foot: mi.Vector3f, inward: mi.Vector3f,
@@ -235,6 +231,22 @@ class LampAim:
         length = dr.maximum(dr.norm(span), 1e-3)
         straight = _Refracted(span / length, length, mi.Float(0.0), length, mi.Float(0.0))
         return dr.select(dr.gather(mi.Bool, self.inside, fiber), straight, way)
+
+
+def _size(radius: mi.Float, slope: mi.Float, index: mi.Float, after: mi.Float) -> mi.Float:
+    """Return how large (mm) a lamp looks ``after`` mm behind a face of that ``slope``."""
+    rough = 2.0 * (index - 1.0) * slope * after
+    return dr.sqrt(dr.square(LOBE_RADIUS * radius) + dr.square(rough))
+
+
+def _lobe(
+    axis: mi.Vector3f, ahead: mi.Vector3f, wide: mi.Float, narrow: mi.Float
+) -> ReflectionLobe:
+    """Return a lobe of `MIN_WIDTH` at least."""
+    return ReflectionLobe(
+        axis, ahead, dr.cross(axis, ahead),
+        dr.maximum(wide, MIN_WIDTH), dr.maximum(narrow, MIN_WIDTH),
+    )  # fmt: skip
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +12,7 @@ import pytest
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.geometry import facets
+from render.geometry import facets, fiber_poses
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
@@ -88,31 +87,68 @@ def test_directions_follow_snells_law_to_the_center_of_the_lamp(mono: ModuleType
     np.testing.assert_allclose(arrived, lamp, atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("case", "mirrored"),
-    [
-        ("window", False),
-        *itertools.product(("window lit at its edges", "window of low index"), (False, True)),
-    ],
-)
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("case", ["window", "window lit at its edges", "window of low index"])
 def test_directions_are_bent_at_the_bond_of_a_window(
     mono: ModuleType, case: str, mirrored: bool
 ) -> None:
     scene = scene_of_case(case)
-    aim, a = aim_of(scene), facets(scene, 0.0).site_position[1]
+    aim, sites = aim_of(scene), facets(scene, 0.0).site_position
+    poses = fiber_poses(scene, 0.0)
     way, zero = aim.main_ways[int(mirrored)], mono.Float([0.0])
     assert way.mirrored == mirrored
-    drawn = aim.sample_way(mono.UInt32([0]), lanes(mono, a, 1), way, zero, zero)
-    d = np.array(drawn, dtype=np.float64)[:, 0]
-    # Along the faces wave vectors stay, k = n d; downwards from the skin, layer by layer.
+    off = []
+    for number, lamp in enumerate(poses.position):
+        for a in sites:
+            drawn = aim.sample_way(mono.UInt32([number]), lanes(mono, a, 1), way, zero, zero)
+            d = np.array(drawn, dtype=np.float64)[:, 0]
+            arrived = beyond_the_wall(scene, a, d, lamp, poses.foot[number])
+            # What would be mirrored beyond the wall is aimed at the lamp's image below the plate.
+            image = lamp * [1.0, 1.0, -1.0] - [0.0, 0.0, 6.0]
+            ends = [lamp, image] if mirrored else [lamp]
+            off.append(min(np.linalg.norm(arrived - end) for end in ends))
+    # A lobe is 0.35 mm wide at these lamps.
+    assert np.nanmax(off) < 0.02
+    assert np.isfinite(off).mean() > 1 / 3
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_third_of_the_directions_over_a_bond_meet_the_lamp(
+    mono: ModuleType, mirrored: bool
+) -> None:
+    scene, count = scene_of_case("window lit at its edges"), 400
+    poses, a = fiber_poses(scene, 0.0), facets(scene, 0.0).site_position[1]
+    aim = aim_of(scene)
+    _, x, y = numbers(mono, count, 3)
+    for number in (1, 2):
+        lamp = poses.position[number]
+        fiber = mono.UInt32(np.full(count, number, dtype=np.uint32))
+        way = aim.main_ways[int(mirrored)]
+        drawn = np.array(aim.sample_way(fiber, lanes(mono, a, count), way, x, y), dtype=np.float64)
+        image = lamp * [1.0, 1.0, -1.0] - [0.0, 0.0, 6.0]
+        ends = [lamp, image] if mirrored else [lamp]
+        met = 0
+        for d in drawn.T:
+            arrived = beyond_the_wall(scene, a, d, lamp, poses.foot[number])
+            met += min(np.linalg.norm(arrived - end) for end in ends) < poses.radius[number]
+        assert 0.3 < met / count < 0.8
+
+
+def beyond_the_wall(
+    scene: Scene, a: np.ndarray, d: np.ndarray, lamp: np.ndarray, foot: np.ndarray
+) -> np.ndarray:
+    """Return where light from ``a`` along ``d`` passes a lamp's plane, layer by layer.
+
+    Along faces wave vectors stay, k = n d. NaN where the wall lets little of it out, along itself.
+    """
     assert scene.window is not None
-    wall, lamp = -scene.pad.width / 2, np.array(light_center(scene))
+    axis = int(np.abs(lamp - foot).argmax())
     k, place, up = scene.pad.index * d, np.array(a), -1.0
     index, low, high = scene.pad.index, 0.0, a[2]
     for _ in range(6):
         level = low if up < 0 else high
         to_level = (level - place[2]) / k[2] if k[2] else np.inf
-        to_wall = (wall - place[0]) / k[0]
+        to_wall = (foot[axis] - place[axis]) / k[axis]
         place = place + min(to_level, to_wall) * k
         if to_wall <= to_level:
             break
@@ -123,14 +159,13 @@ def test_directions_are_bent_at_the_bond_of_a_window(
             k[2] = up * np.sqrt(index**2 - k[:2] @ k[:2])
         else:
             up, k[2] = -up, -k[2]
-    assert place[0] == pytest.approx(wall)
-    out = np.array([-np.sqrt(1 - k[1:] @ k[1:]), *k[1:]])
-    arrived = place + out * (lamp[0] - wall) / out[0]
-    # What would be mirrored beyond the wall is aimed at the lamp's image below the plate.
-    image = lamp * [1.0, 1.0, -1.0] - [0.0, 0.0, 6.0]
-    ends = [lamp, image] if mirrored else [lamp]
-    # Within a fifth of the lamp's radius, where its lobe is 0.7 of it wide.
-    assert min(np.linalg.norm(arrived - end) for end in ends) < 0.1
+    assert place[axis] == pytest.approx(foot[axis])
+    across = np.delete(k, axis) @ np.delete(k, axis)
+    if across > 0.97:
+        return np.full(3, np.nan)
+    out = np.array(k)
+    out[axis] = np.sign(k[axis]) * np.sqrt(1.0 - across)
+    return np.asarray(place + out * (lamp[axis] - foot[axis]) / out[axis])
 
 
 def light_center(scene: Scene) -> list[float]:
