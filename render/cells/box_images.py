@@ -32,6 +32,8 @@ class BoxImages(MirrorImages):
     sizes: tuple[int, ...] = (3, 3, 2)
     planes: tuple[tuple[int, ...], ...] = ((1, 2), (1, 2), (1,))
     """Of each axis, the digits of single mirrors."""
+    over_bond = False
+    """Whether the lower face is seen over a bond that refracts."""
 
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places from the scene."""
@@ -41,7 +43,7 @@ class BoxImages(MirrorImages):
         self.places = mi.Float(np.array(places, dtype=np.float32))
         self.index = mi.Float(scene.pad.index)
         mirrors = mirror_faces(scene)
-        if scene.window_refracts:
+        if scene.window_refracts and not self.over_bond:
             # What the bond bends has no image on a straight line.
             mirrors[LOWER] = False
         faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]
@@ -71,19 +73,21 @@ class BoxImages(MirrorImages):
 
     def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one."""
-        span = self.point(image, y.p) - a.p
-        squared = dr.maximum(dr.squared_norm(span), 1e-6)
-        direction = span * dr.rsqrt(squared)
+        direction, spread = self.line(image, a.p, y.p)
         sent = -self.folded(image, direction)
-        weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / squared
+        weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / dr.maximum(spread, 1e-6)
         facing = dr.maximum(dr.dot(y.n, sent), COSINE_MIN)
         weight *= dr.select(y.volume, 1.0, facing)
         for axis, digit in enumerate(self._digits(image)):
-            reflected = self.reflectance(3 * axis + digit, direction[axis])
+            reflected = self._reflected(axis, digit, direction)
             weight *= dr.select(digit > 0, reflected, 1.0)
             if self.mirrors is not None:
                 weight *= dr.gather(mi.Float, self.mirrors, 3 * axis + digit)
         return weight
+
+    def _reflected(self, axis: int, digit: mi.UInt32, direction: mi.Vector3f) -> mi.Float:
+        """Return what a mirror reflects of light that has ``direction`` at the coating."""
+        return self.reflectance(3 * axis + digit, direction[axis])
 
     @dr.syntax
     def draw(

@@ -17,6 +17,7 @@ import numpy as np
 from render.arrays import Array
 from render.cells.arriving_light import ArrivingLight
 from render.cells.bent_images import BentImages
+from render.cells.bonded_images import BondedImages
 from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
@@ -165,17 +166,19 @@ class PadSampler:
         mirrors = mirror_faces(scene)
         bonded = scene.window_refracts
         self.images: MirrorImages | None = None
-        if mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
+        repeats = any(repeating_axes(scene))
+        if bonded and mirrors[LOWER] and not repeats:
+            self.images = BondedImages(scene)
+        elif mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
             if self.mirror.curved:
                 self.images = BentImages(scene, bend, indented)
             else:
-                repeats = any(repeating_axes(scene))
                 self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
         self.lamp_images: LampImages | None = None
         if self.images and not self.mirror.curved and has_lamp_images(scene):
             self.lamp_images = LampImages(scene, self.light)
         # Over a lower face without exact images directions are drawn near the mirror image.
-        # No connection passes a bond that refracts.
+        # No such lobe passes a bond that refracts.
         self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
         # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
         self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)

@@ -175,7 +175,7 @@ def trace_facet_subpath(
         )
         if images is not None:
             refracted = dr.dot(v.n, state.d) * dr.dot(v.n, v.wi) < 0
-            chain.open &= ~(arrived & refracted)
+            chain.open &= ~(arrived & images.broken(v, refracted))
             started = ImageChain.closed()
             started.open, started.d_vcm = mi.Bool(True), mi.Float(state.d_vcm)
             chain = dr.select(is_facet, started, chain)

@@ -81,7 +81,6 @@ class LampAim:
             ways.append(Way(0.2, below=True))
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
-        self.main_ways = self.ways[:2]
         self.inside = mi.Bool(inside) if inside.any() else None
         frames = np.stack(
             [foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
@@ -95,6 +94,7 @@ class LampAim:
         # Where light enters through a window, Snell's law is that of its index.
         plate = scene.pad.index if scene.window is None else scene.window.index
         self.bonded = None if plate == scene.pad.index else (scene.pad.index, plate)
+        self.main_ways = self.ways[:2]
         below_bond = (foot[:, 2] < 0.0) | from_below
         self.index = mi.Float(np.where(below_bond, plate, scene.pad.index).astype(np.float32))
         dr.make_opaque(

@@ -53,6 +53,23 @@ class ImageChain:
         return ImageChain(mi.UInt32(0), mi.Bool(False), mi.Float(1), mi.Spectrum(0), mi.Float(0))
 
 
+@dataclass
+class FoldedLine:
+    """How a line to an image goes on behind a surface (a Dr.Jit PyTree).
+
+    Whether it ``meets`` one that is on its way and goes ``on`` to another, the mirrors that are
+    ``left``, its direction ``d``, what the surface leaves of the light and with what chance a path
+    follows.
+    """
+
+    meets: mi.Bool
+    on: mi.Bool
+    left: mi.UInt32
+    d: mi.Vector3f
+    reflected: mi.Float
+    chosen: mi.Float
+
+
 def mirror_faces(scene: Scene) -> NDArray[np.bool_]:
     """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air, and metal."""
     boundary = scene.pad.index != 1.0
@@ -94,6 +111,15 @@ class MirrorImages(ABC):
     def folded(self, image: mi.UInt32, direction: mi.Vector3f) -> mi.Vector3f:
         """Return ``direction`` after all mirrors of ``image``."""
 
+    def line(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
+        """Return the direction from ``a`` to the image of ``p``, and what light spreads to there.
+
+        That is the area across the way per solid angle at ``a`` (mm^2 / sr).
+        """
+        span = self.point(image, p) - a
+        squared = dr.maximum(dr.squared_norm(span), 1e-12)
+        return span * dr.rsqrt(squared), squared
+
     @abstractmethod
     def draw(
         self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
@@ -115,9 +141,41 @@ class MirrorImages(ABC):
     def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
         """Return the number of the plane that an image over one mirror takes."""
 
-    def reflectance(self, plane: mi.UInt32, cosine: mi.Float) -> mi.Float:
-        """Return what a plane reflects inside the pad; ``cosine`` is that of incidence."""
-        reflected = mi.fresnel(-dr.abs(cosine), self.index)[0]
+    def connected(self, y: Vertex) -> mi.Bool:
+        """Return whether facets are connected to the images of ``y``."""
+        return mi.Bool(True)
+
+    def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
+        """Follow a line along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
+        mirror = self._mirror(b)
+        rest = self._without(left, mirror)
+        meets = going & (mirror > 0) & (rest < self.count)
+        reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d), self.index_at(b.p))
+        return FoldedLine(
+            meets, meets & (rest > 0), rest, self.folded(mirror, d), reflected, chosen
+        )
+
+    def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
+        """Return ``chain`` with the mirror at ``v``, at which a camera subpath arrived by ``d``."""
+        mirror = self._mirror(v)
+        fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
+        _, chosen = self.met_at(self._plane(mirror), dr.dot(v.n, d), self.index_at(v.p))
+        chance = chain.chance * chosen
+        return ImageChain(chain.image + mirror, fits, chance, chain.depth, chain.d_vcm)
+
+    def broken(self, v: Vertex, refracted: mi.Bool) -> mi.Bool:
+        """Return whether a chain ends at ``v``, where it was ``refracted`` or not."""
+        return refracted
+
+    def index_at(self, p: mi.Point3f) -> mi.Float:
+        """Return the index on the inner side of a face at ``p``."""
+        return self.index
+
+    def reflectance(
+        self, plane: mi.UInt32, cosine: mi.Float, index: mi.Float | None = None
+    ) -> mi.Float:
+        """Return what a plane reflects; ``cosine`` is that of incidence, in ``index`` (the pad)."""
+        reflected = mi.fresnel(-dr.abs(cosine), self.index if index is None else index)[0]
         if self.metal is None:
             return reflected
         metal = dr.gather(mi.Float, self.metal, plane)
@@ -137,12 +195,14 @@ class MirrorImages(ABC):
             self.folded(mirror, direction),
         )
 
-    def met_at(self, plane: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+    def met_at(
+        self, plane: mi.UInt32, cosine: mi.Float, index: mi.Float | None = None
+    ) -> tuple[mi.Float, mi.Float]:
         """Return what a mirror reflects, and the chance that a path is reflected.
 
         It is reflected by chance where it could leave the pad, and always by metal.
         """
-        reflected = self.reflectance(plane, cosine)
+        reflected = self.reflectance(plane, cosine, index)
         if self.metal is None:
             return reflected, reflected
         metal = dr.gather(mi.Float, self.metal, plane) >= 0
@@ -193,14 +253,13 @@ class MirrorImages(ABC):
         """
         active = active & (y.weight > 0) & (a.weight > 0)
         image, probability = self.draw(a, y, number, candidates)
-        span = self.point(image, y.p) - a.p
-        squared = dr.maximum(dr.squared_norm(span), 1e-12)
-        direction = span * dr.rsqrt(squared)
+        direction, spread = self.line(image, a.p, y.p)
         w = -self.folded(image, direction)
         f_a, p_a, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         p_a = guided_pdf(guiding, a, direction, p_a)
         f_y, _, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
         active = active & (probability > 0) & (dr.max(f_a) > 0) & (dr.max(f_y) > 0)
+        active = active & self.connected(y)
         # --------------------- Along the folded line, mirror by mirror ----------------
         here, d = a, mi.Vector3f(direction)
         left, depth = mi.UInt32(image), mi.Spectrum(0.0)
@@ -208,24 +267,22 @@ class MirrorImages(ABC):
         going = mi.Bool(active)
         while going:
             b, further, hit = trace_to_surface(scene, here, d, going)
-            mirror = self._mirror(b)
-            rest = self._without(left, mirror)
-            meets = going & hit & (mirror > 0) & (rest < self.count)
+            line = self.follow(b, d, left, going & hit)
+            meets = line.meets
             active = active & (~going | meets)
-            reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d))
-            reflectance *= dr.select(meets, reflected, 1.0)
-            chance *= dr.select(meets, chosen, 1.0)
+            reflectance *= dr.select(meets, line.reflected, 1.0)
+            chance *= dr.select(meets, line.chosen, 1.0)
             depth += dr.select(meets, further, 0.0)
-            d = dr.select(meets, self.folded(mirror, d), d)
-            left = dr.select(meets, rest, left)
+            d = dr.select(meets, line.d, d)
+            left = dr.select(meets, line.left, left)
             here = dr.select(meets, b, here)
-            going = meets & (left > 0)
+            going = line.on
         last_depth, clear = optical_depth(scene, y, here, active)
         transmittance = dr.exp(-depth - last_depth)
         # --------------------- Balance heuristic --------------------------------------
-        camera_y = density_at(y, w, p_a * chance, transmittance, active) / squared
+        camera_y = density_at(y, w, p_a * chance, transmittance, active) / spread
         strategies = probability + camera_y * strategies_before(y, r_y, returning)
-        value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / squared
+        value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / spread
         value *= y.weight * a.weight / strategies
         return dr.select(active & clear, value, 0.0)
 
@@ -238,19 +295,15 @@ class MirrorImages(ABC):
         The latter is the ratio of image connections to the facet over what the camera subpath
         does, where there are any: 0 otherwise. ``connected``: light subpaths connect ``v``.
         """
-        useful = chain.open & connected & (chain.image > 0)
+        useful = chain.open & connected & (chain.image > 0) & self.connected(v)
         probability = mi.Float(0.0)
         if useful:
             probability = self.probability(chain.image, facet, v)
-        squared = dr.squared_norm(self.point(chain.image, v.p) - facet.p)
+        _, spread = self.line(chain.image, facet.p, v.p)
         transmittance = dr.exp(-chain.depth - state.depth)
         density = density_at(v, state.d, chain.chance, transmittance, useful)
-        d_vcm = chain.d_vcm * probability * squared / density
+        d_vcm = chain.d_vcm * probability * spread / density
         d_vcm = dr.select(useful, d_vcm, 0.0)
-        mirror = self._mirror(v)
-        fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
-        chance = chain.chance * self.met_at(self._plane(mirror), dr.dot(v.n, state.d))[1]
-        following = ImageChain(
-            chain.image + mirror, fits, chance, chain.depth + state.depth, chain.d_vcm
-        )
+        following = self.extend(chain, v, state.d)
+        following.depth = chain.depth + state.depth
         return following, d_vcm

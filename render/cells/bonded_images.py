@@ -1,0 +1,156 @@
+"""Images over the smooth faces of a flat pad on a window of another index.
+
+The lower face of the window is seen through the bond: light goes down through it, is reflected, and
+comes up through it again. Unfolded over the walls and the lower face that is one way through layers
+of two indices, bent by Snell's law at the bond, and in a plane with the bond's normal; Newton's
+method finds it. Along the faces wave vectors stay, so the order of layers does not matter. Walls
+reflect on either side of the bond, and what they reflect depends on which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from render.cells.box_images import BoxImages
+from render.cells.lamp_aim import face_crossing
+from render.cells.mirror_images import ON_FACE, FoldedLine, ImageChain
+from render.paths.vertex import Vertex
+from render.scene import Scene
+
+STEPS = 8
+"""Of Newton's method."""
+THINNEST = 1e-4
+"""mm that either medium has at least on a way."""
+
+
+@dataclass
+class _LayeredWay:
+    """A way down to an image and through two media (a Dr.Jit PyTree).
+
+    ``direction`` and ``pad_cos`` are in the pad, ``plate_cos`` in the window, ``spread`` is as of
+    `MirrorImages.line`.
+    """
+
+    direction: mi.Vector3f
+    pad_cos: mi.Float
+    plate_cos: mi.Float
+    spread: mi.Float
+
+
+class BondedImages(BoxImages):
+    """The mirrors of a flat pad and the window under it, with a smooth lower face."""
+
+    over_bond = True
+
+    def __init__(self, scene: Scene) -> None:
+        """Take the faces' places and both indices from the scene."""
+        super().__init__(scene)
+        assert scene.window is not None
+        pad, plate = scene.pad.index, scene.window.index
+        self.plate_is_denser = plate > pad
+        self.plate_index, self.ratio = mi.Float(plate), mi.Float(plate / pad)
+        self.thickness = mi.Float(scene.window.thickness)
+        dr.make_opaque(self.plate_index, self.ratio, self.thickness)
+
+    def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> _LayeredWay:
+        """Return the way over the lower face, as if ``image`` had that."""
+        span = self.point(image, p) - a
+        reach = dr.maximum(dr.hypot(span.x, span.y), 1e-6)
+        pad, plate = dr.maximum(a.z + p.z, THINNEST), 2.0 * self.thickness
+        # From the denser side total reflection says where the crossing is at most.
+        if self.plate_is_denser:
+            first, second, ratio = plate, pad, self.ratio
+        else:
+            first, second, ratio = pad, plate, dr.rcp(self.ratio)
+        critical = first * dr.rsqrt(dr.maximum(dr.square(ratio) - 1.0, 1e-6))
+        lateral = face_crossing(reach, first, second, ratio, critical, STEPS)
+        by_pad = reach - lateral if self.plate_is_denser else lateral
+        by_plate = reach - by_pad
+        length = dr.hypot(by_pad, pad)
+        cos_1, cos_2 = pad / length, plate / dr.hypot(by_plate, plate)
+        direction = mi.Vector3f(
+            span.x * by_pad / (reach * length), span.y * by_pad / (reach * length), -cos_1
+        )
+        # Lateral ways per angle in the pad, in the plane of incidence and across it.
+        across = pad / cos_1 + plate / (self.ratio * cos_2)
+        within = pad / dr.square(cos_1)
+        within += plate * cos_1 / (self.ratio * cos_2 * dr.square(cos_2))
+        return _LayeredWay(direction, cos_1, cos_2, across * cos_1 * within)
+
+    def _over_lower(self, image: mi.UInt32) -> mi.Bool:
+        return self._digits(image)[2] > 0
+
+    def line(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
+        """Return direction and spread, as of `MirrorImages.line`."""
+        direction, squared = super().line(image, a, p)
+        way, lower = self._way(image, a, p), self._over_lower(image)
+        return dr.select(lower, way.direction, direction), dr.select(lower, way.spread, squared)
+
+    def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
+        """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one.
+
+        Walls are taken to reflect in the pad.
+        """
+        weight = super()._weight(image, a, y)
+        way, lower = self._way(image, a.p, y.p), self._over_lower(image)
+        return weight * dr.select(lower, dr.square(self._passed(way.pad_cos)), 1.0)
+
+    def _reflected(self, axis: int, digit: mi.UInt32, direction: mi.Vector3f) -> mi.Float:
+        """Return what a mirror reflects of light that has ``direction`` at the coating."""
+        if axis < 2:
+            return super()._reflected(axis, digit, direction)
+        along = (1.0 - dr.square(direction.z)) / dr.square(self.ratio)
+        cosine = dr.sqrt(dr.maximum(1.0 - along, 0.0))
+        return self.reflectance(3 * axis + digit, cosine, self.plate_index)
+
+    def index_at(self, p: mi.Point3f) -> mi.Float:
+        """Return the index on the inner side of a face at ``p``."""
+        return dr.select(p.z < 0.0, self.plate_index, self.index)
+
+    def _passed(self, pad_cos: mi.Float) -> mi.Float:
+        """Return what the bond lets through; the cosine is that in the pad."""
+        return 1.0 - mi.fresnel(dr.abs(pad_cos), self.ratio)[0]
+
+    def _at_bond(self, v: Vertex) -> mi.Bool:
+        """Return whether ``v`` lies in the bond."""
+        return v.delta & (dr.abs(v.n.z) > 1.0 - ON_FACE) & (dr.abs(v.p.z) < ON_FACE)
+
+    def _through(self, d: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
+        """Return the direction behind the bond, and what passes it."""
+        down = d.z < 0
+        ratio = dr.select(down, dr.rcp(self.ratio), self.ratio)
+        along = dr.square(ratio) * (1.0 - dr.square(d.z))
+        up = dr.mulsign(dr.sqrt(dr.maximum(1.0 - along, 0.0)), d.z)
+        cosine = dr.select(down, dr.abs(d.z), -dr.abs(d.z))
+        return mi.Vector3f(ratio * d.x, ratio * d.y, up), 1.0 - mi.fresnel(cosine, self.ratio)[0]
+
+    def connected(self, y: Vertex) -> mi.Bool:
+        """Return whether facets are connected to the images of ``y``: not if that is below."""
+        return y.p.z > 0.0
+
+    def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
+        """Follow a line, through the bond where it meets that."""
+        line, bond = super().follow(b, d, left, going), going & self._at_bond(b)
+        onward, passed = self._through(d)
+        # Down to the lower face, up to the vertex.
+        meets = line.meets | (bond & (self._over_lower(left) == (d.z < 0)))
+        below, rest = dr.select(bond, d.z < 0, b.p.z < 0), dr.select(bond, left, line.left)
+        return FoldedLine(
+            meets, meets & ((rest > 0) | below), rest, dr.select(bond, onward, line.d),
+            dr.select(bond, passed, line.reflected), dr.select(bond, passed, line.chosen),
+        )  # fmt: skip
+
+    def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
+        """Return ``chain`` with what it meets at ``v``; the bond leaves it open."""
+        following, bond = super().extend(chain, v, d), self._at_bond(v)
+        _, passed = self._through(d)
+        following.open = dr.select(bond, chain.open, following.open)
+        following.chance = dr.select(bond, chain.chance * passed, following.chance)
+        return following
+
+    def broken(self, v: Vertex, refracted: mi.Bool) -> mi.Bool:
+        """Return whether a chain ends at ``v``: the bond is passed and mirrors reflect."""
+        return refracted ^ self._at_bond(v)

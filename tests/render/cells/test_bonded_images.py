@@ -1,0 +1,141 @@
+"""Images over the lower face of a window, through the bond: choice, way and what they carry."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from render.cells.bonded_images import BondedImages
+from render.cells.guiding import FacetGuiding, FiberGlow
+from render.optics.pad_scene import pad_scene
+from render.scene import Scene
+from tests.oracles.pads import scene_of_case
+from tests.render.cells.test_box_images import on_coating
+
+A, Y = [1.0, 2.0, 4.5], [-6.0, -3.0, 4.5]
+CASES = ["window lit at its edges", "window of low index"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_images_are_drawn_with_the_probability_that_is_stated(mono: ModuleType, case: str) -> None:
+    images, count = BondedImages(scene_of_case(case)), 1 << 16
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    number = mono.Float(np.random.default_rng(3).random(count).astype(np.float32))
+    drawn, stated = (np.array(each) for each in images.draw(a, y, number))
+    total = 0.0
+    for image in range(1, images.count):
+        here = images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))
+        probability = float(dr.slice(here))
+        total += probability
+        error = np.sqrt(probability * (1 - probability) / count)
+        assert abs((drawn == image).mean() - probability) < 4.5 * error + 1e-5
+        np.testing.assert_allclose(stated[drawn == image], probability, rtol=1e-4)
+    assert total == pytest.approx(1.0, rel=1e-5)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_light_over_the_lower_face_is_what_snell_and_fresnel_say(
+    mono: ModuleType, case: str
+) -> None:
+    scene = scene_of_case(case)
+    images, pad = BondedImages(scene), pad_scene(scene, 0.0, False)
+    surface: Any = pad
+    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
+    count = 1 << 14
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    for v in (a, y):
+        v.bsdf = mono.BSDFPtr(bsdf)
+        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
+        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
+        v.beta = mono.Spectrum(1.0)
+        v.shape = mono.ShapePtr(next(s for s in surface.shapes() if s.id() == "coating"))
+    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
+    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
+    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
+    values = np.array(found, dtype=np.float64).ravel()
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    total = 0.0
+    for x in (Y[0], -2 * half[0] - Y[0], 2 * half[0] - Y[0]):
+        for along in (Y[1], -2 * half[1] - Y[1], 2 * half[1] - Y[1]):
+            # Without the lower face the way would lie in the coating.
+            total += carried(scene, np.array([x, along]) - A[:2], half)
+    error = values.std() / np.sqrt(count)
+    assert error < 0.02 * total
+    assert abs(values.mean() - total) < 4 * error + 1e-3 * total
+
+
+def carried(scene: Scene, across: np.ndarray, half: np.ndarray) -> float:
+    """Return the light between two points of diffuse skin, ``across`` (mm) in the unfolded pad."""
+    assert scene.window is not None
+    pad, plate = scene.pad.index, scene.window.index
+    up, down = 2 * A[2], 2 * scene.window.thickness
+    reach = float(np.hypot(*across))
+
+    def lateral(angle: float) -> float:
+        sine = pad * np.sin(angle) / plate
+        return float(up * np.tan(angle) + down * sine / np.sqrt(1 - sine**2))
+
+    last = np.arcsin(min(1.0, plate / pad))
+    angle = brentq(lambda t: lateral(t) - reach, 0.0, last - 1e-9, xtol=1e-14)
+    step = 1e-6
+    slope = (lateral(angle + step) - lateral(angle - step)) / (2 * step)
+    spread = reach * slope * np.cos(angle) / np.sin(angle)
+    within = np.arcsin(pad * np.sin(angle) / plate)
+    light = (1 - fresnel(np.cos(angle), pad / plate)) ** 2 * fresnel(np.cos(within), plate)
+    # Walls reflect in the medium in which they are met.
+    crossed = (0.5 * up * np.tan(angle), 0.5 * up * np.tan(angle) + down * np.tan(within))
+    for axis in (0, 1):
+        wall = np.sign(across[axis]) * half[axis] - A[axis]
+        if abs(across[axis]) > abs(wall):
+            part = across[axis] / reach
+            in_plate = crossed[0] < wall / part < crossed[1]
+            sine = np.sin(within if in_plate else angle)
+            light *= fresnel(abs(part * sine), plate if in_plate else pad)
+    return float((0.5 / np.pi) ** 2 * np.cos(angle) ** 2 * light / spread)
+
+
+def fresnel(cosine: float, index: float) -> float:
+    """Return what a face reflects on its dense side if ``index`` is above 1."""
+    squared = 1 - index**2 * (1 - cosine**2)
+    if squared <= 0:
+        return 1.0
+    out = np.sqrt(squared)
+    s = (index * cosine - out) / (index * cosine + out)
+    p = (cosine - index * out) / (cosine + index * out)
+    return float((s**2 + p**2) / 2)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_ways_are_exact_near_the_bond_and_far_along_it(mono: ModuleType, case: str) -> None:
+    scene, count = scene_of_case(case), 400
+    assert scene.window is not None
+    pad, plate, down = scene.pad.index, scene.window.index, 2 * scene.window.thickness
+    images, rng = BondedImages(scene), np.random.default_rng(5)
+    a, p = (
+        np.column_stack([rng.uniform(-10, 10, (count, 2)), rng.choice([0.03, 1.0, 4.5], count)])
+        for _ in range(2)
+    )
+    places = (mono.Point3f(*each.T.astype(np.float32)) for each in (a, p))
+    # The lower face alone.
+    direction, spread = images.line(mono.UInt32(9), *places)
+    sine = np.hypot(*np.array(direction, dtype=np.float64)[:2])
+    for i in range(count):
+        reach, up = np.hypot(*(p - a)[i, :2]), a[i, 2] + p[i, 2]
+
+        def beyond(s: float, up: float = up, reach: float = reach) -> float:
+            within = pad * s / plate
+            lateral = up * s / np.sqrt(1 - s**2) + down * within / np.sqrt(1 - within**2)
+            return float(lateral - reach)
+
+        last = min(1.0, plate / pad) * (1 - 1e-13)
+        s = brentq(beyond, 0.0, last, xtol=1e-16)
+        assert sine[i] == pytest.approx(s, abs=1e-5)
+        cosine, within = np.sqrt(1 - s**2), np.sqrt(1 - (pad * s / plate) ** 2)
+        across = up / cosine + down * pad / plate / within
+        slope = up / cosine**2 + down * pad * cosine / (plate * within**3)
+        assert float(np.array(spread)[i]) == pytest.approx(across * cosine * slope, rel=1e-4)
