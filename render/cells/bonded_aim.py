@@ -39,7 +39,7 @@ class BondedWay:
 
 
 @dataclass
-class _Crossings:
+class Crossings:
     """Where a way crosses bond and outer face (a Dr.Jit PyTree), with its optical length (mm)."""
 
     bond: mi.Vector3f
@@ -48,29 +48,27 @@ class _Crossings:
 
 
 @dr.syntax
-def way_over_bond(
-    seen: mi.Point3f, layer: mi.Float, layer_index: mi.Float, rises: mi.Bool, foot: mi.Vector3f,
-    inward: mi.Vector3f, lamp: mi.Vector3f, index: mi.Float, from_layer: mi.Bool,
-) -> BondedWay:  # fmt: skip
-    """Return the way from ``seen`` to a ``lamp`` behind the face at ``foot``.
+def shortest_way(
+    a: mi.Vector3f, layer: mi.Float, layer_index: mi.Float, rises: mi.Bool, foot: mi.Vector3f,
+    inward: mi.Vector3f, lamp: mi.Vector3f, index: mi.Float,
+) -> Crossings:  # fmt: skip
+    """Return where the way from ``a`` to a ``lamp`` behind the face at ``foot`` crosses.
 
-    First comes a layer of ``layer`` mm and ``layer_index``, above ``seen`` where the way ``rises``,
-    and then one of ``index`` up to the face with the normal ``inward``. The order of layers does
-    not matter to where a way ends: ``from_layer`` says that the point is in the first of them.
+    First comes a layer of ``layer`` mm and ``layer_index``, above ``a`` where the way ``rises``,
+    and then one of ``index`` up to the face with the normal ``inward``.
     """
-    a, up = mi.Vector3f(seen), dr.select(rises, 1.0, -1.0)
+    up = dr.select(rises, 1.0, -1.0)
     level = a.z + up * layer
-    first, second = _tangents(inward)
+    first, second = tangents(inward)
     # The second layer lies behind the first, if there is one.
     least = dr.select(layer > SHORTEST, SHORTEST, -dr.inf)
-    # --------------------------- Start: straight at the foot ----------------------------------
+    # Start: straight at the foot of the lamp.
     face = lamp - dr.dot(lamp - foot, inward) * inward
     face.z = level + up * dr.maximum(up * (face.z - level), least)
     part = layer / dr.maximum(layer + dr.abs(face.z - level), SHORTEST)
     bond = a + part * (face - a)
     bond.z = level
-    here = _Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
-    # --------------------------- Newton's method ----------------------------------------------
+    here = Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
     step = mi.UInt32(0)
     while step < STEPS:
         inverse, slope, _ = _derivatives(a, here, lamp, layer_index, index, (first, second))
@@ -80,10 +78,25 @@ def way_over_bond(
             bond = here.bond - part_of * mi.Vector3f(by[0], by[1], 0.0)
             face = here.face - part_of * (by[2] * first + by[3] * second)
             face.z = level + up * dr.maximum(up * (face.z - level), least)
-            other = _Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
+            other = Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
             best = dr.select(other.length < best.length, other, best)
         here = best
         step += 1
+    return here
+
+
+def way_over_bond(
+    seen: mi.Point3f, layer: mi.Float, layer_index: mi.Float, rises: mi.Bool, foot: mi.Vector3f,
+    inward: mi.Vector3f, lamp: mi.Vector3f, index: mi.Float, from_layer: mi.Bool,
+) -> BondedWay:  # fmt: skip
+    """Return the way from ``seen`` to a ``lamp``, with layers as of `shortest_way`.
+
+    The order of layers does not matter to where a way ends: ``from_layer`` says that the point is
+    in the first of them.
+    """
+    a = mi.Vector3f(seen)
+    here = shortest_way(a, layer, layer_index, rises, foot, inward, lamp, index)
+    first, second = tangents(inward)
     # --------------------------- What the lamp's displacement does ----------------------------
     inverse, _, outside = _derivatives(a, here, lamp, layer_index, index, (first, second))
     u, before = _unit(here.bond - a)
@@ -92,9 +105,9 @@ def way_over_bond(
     # A lamp in the silicone lies in its face.
     t = dr.select(dr.squared_norm(t) > 0.5, t, -inward)
     axis, length = dr.select(from_layer, u, v), dr.select(from_layer, before, between)
-    e, f = _tangents(axis)
+    e, f = tangents(axis)
     turned = []
-    for displaced in _tangents(t):
+    for displaced in tangents(t):
         pull = displaced * outside
         moved = inverse @ mi.Vector4f(0.0, 0.0, dr.dot(pull, first), dr.dot(pull, second))
         of_bond = mi.Vector3f(moved[0], moved[1], 0.0)
@@ -127,7 +140,7 @@ def _length(
 
 
 def _derivatives(
-    a: mi.Vector3f, at: _Crossings, lamp: mi.Vector3f, layer_index: mi.Float, index: mi.Float,
+    a: mi.Vector3f, at: Crossings, lamp: mi.Vector3f, layer_index: mi.Float, index: mi.Float,
     in_face: tuple[mi.Vector3f, mi.Vector3f],
 ) -> tuple[mi.Matrix4f, mi.Vector4f, mi.Float]:  # fmt: skip
     """Return the inverse of the second derivatives of the optical length, and the first ones.
@@ -162,7 +175,7 @@ def _derivatives(
     return dr.rcp(mi.Matrix4f(rows)), slope, outside
 
 
-def _tangents(d: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
+def tangents(d: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
     """Return two unit vectors at right angles to ``d`` and to each other."""
     frame = mi.Frame3f(mi.Normal3f(d))
     return frame.s, frame.t

@@ -9,35 +9,14 @@ reflect on either side of the bond, and what they reflect depends on which.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 
+from render.cells.bond_optics import LayeredWay, layered_way, through_bond
 from render.cells.box_images import BoxImages
-from render.cells.lamp_aim import face_crossing
 from render.cells.mirror_images import ON_FACE, FoldedLine, ImageChain
 from render.paths.vertex import Vertex
 from render.scene import Scene
-
-STEPS = 8
-"""Of Newton's method."""
-THINNEST = 1e-4
-"""mm that either medium has at least on a way."""
-
-
-@dataclass
-class _LayeredWay:
-    """A way down to an image and through two media (a Dr.Jit PyTree).
-
-    ``direction`` and ``pad_cos`` are in the pad, ``plate_cos`` in the window, ``spread`` is as of
-    `MirrorImages.line`.
-    """
-
-    direction: mi.Vector3f
-    pad_cos: mi.Float
-    plate_cos: mi.Float
-    spread: mi.Float
 
 
 class BondedImages(BoxImages):
@@ -55,30 +34,12 @@ class BondedImages(BoxImages):
         self.thickness = mi.Float(scene.window.thickness)
         dr.make_opaque(self.plate_index, self.ratio, self.thickness)
 
-    def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> _LayeredWay:
+    def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> LayeredWay:
         """Return the way over the lower face, as if ``image`` had that."""
-        span = self.point(image, p) - a
-        reach = dr.maximum(dr.hypot(span.x, span.y), 1e-6)
-        pad, plate = dr.maximum(a.z + p.z, THINNEST), 2.0 * self.thickness
-        # From the denser side total reflection says where the crossing is at most.
-        if self.plate_is_denser:
-            first, second, ratio = plate, pad, self.ratio
-        else:
-            first, second, ratio = pad, plate, dr.rcp(self.ratio)
-        critical = first * dr.rsqrt(dr.maximum(dr.square(ratio) - 1.0, 1e-6))
-        lateral = face_crossing(reach, first, second, ratio, critical, STEPS)
-        by_pad = reach - lateral if self.plate_is_denser else lateral
-        by_plate = reach - by_pad
-        length = dr.hypot(by_pad, pad)
-        cos_1, cos_2 = pad / length, plate / dr.hypot(by_plate, plate)
-        direction = mi.Vector3f(
-            span.x * by_pad / (reach * length), span.y * by_pad / (reach * length), -cos_1
-        )
-        # Lateral ways per angle in the pad, in the plane of incidence and across it.
-        across = pad / cos_1 + plate / (self.ratio * cos_2)
-        within = pad / dr.square(cos_1)
-        within += plate * cos_1 / (self.ratio * cos_2 * dr.square(cos_2))
-        return _LayeredWay(direction, cos_1, cos_2, across * cos_1 * within)
+        return layered_way(
+            mi.Vector3f(self.point(image, p) - a), a.z + p.z, 2.0 * self.thickness, self.ratio,
+            plate_is_denser=self.plate_is_denser,
+        )  # fmt: skip
 
     def _over_lower(self, image: mi.UInt32) -> mi.Bool:
         return self._digits(image)[2] > 0
@@ -118,15 +79,6 @@ class BondedImages(BoxImages):
         """Return whether ``v`` lies in the bond."""
         return v.delta & (dr.abs(v.n.z) > 1.0 - ON_FACE) & (dr.abs(v.p.z) < ON_FACE)
 
-    def _through(self, d: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
-        """Return the direction behind the bond, and what passes it."""
-        down = d.z < 0
-        ratio = dr.select(down, dr.rcp(self.ratio), self.ratio)
-        along = dr.square(ratio) * (1.0 - dr.square(d.z))
-        up = dr.mulsign(dr.sqrt(dr.maximum(1.0 - along, 0.0)), d.z)
-        cosine = dr.select(down, dr.abs(d.z), -dr.abs(d.z))
-        return mi.Vector3f(ratio * d.x, ratio * d.y, up), 1.0 - mi.fresnel(cosine, self.ratio)[0]
-
     def connected(self, y: Vertex) -> mi.Bool:
         """Return whether facets are connected to the images of ``y``: not if that is below."""
         return y.p.z > 0.0
@@ -134,7 +86,7 @@ class BondedImages(BoxImages):
     def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
         """Follow a line, through the bond where it meets that."""
         line, bond = super().follow(b, d, left, going), going & self._at_bond(b)
-        onward, passed = self._through(d)
+        onward, passed = through_bond(d, self.ratio)
         # Down to the lower face, up to the vertex.
         meets = line.meets | (bond & (self._over_lower(left) == (d.z < 0)))
         below, rest = dr.select(bond, d.z < 0, b.p.z < 0), dr.select(bond, left, line.left)
@@ -146,7 +98,7 @@ class BondedImages(BoxImages):
     def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
         """Return ``chain`` with what it meets at ``v``; the bond leaves it open."""
         following, bond = super().extend(chain, v, d), self._at_bond(v)
-        _, passed = self._through(d)
+        _, passed = through_bond(d, self.ratio)
         following.open = dr.select(bond, chain.open, following.open)
         following.chance = dr.select(bond, chain.chance * passed, following.chance)
         return following
