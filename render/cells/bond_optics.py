@@ -13,6 +13,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.cells.lamp_aim import face_crossing
+from render.scene import Scene
 
 STEPS = 8
 """Of Newton's method."""
@@ -28,6 +29,30 @@ def through_bond(d: mi.Vector3f, ratio: mi.Float) -> tuple[mi.Vector3f, mi.Float
     rise = dr.mulsign(dr.sqrt(dr.maximum(1.0 - along, 0.0)), d.z)
     cosine = dr.select(down, dr.abs(d.z), -dr.abs(d.z))
     return mi.Vector3f(scale * d.x, scale * d.y, rise), 1.0 - mi.fresnel(cosine, ratio)[0]
+
+
+class Bond:
+    """The bond of a flat pad and a window of another index, at z = 0.
+
+    Both indices, their ``ratio`` and the window's ``thickness`` (mm).
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Take them from the scene."""
+        assert scene.window is not None
+        pad, plate = scene.pad.index, scene.window.index
+        self.plate_is_denser = plate > pad
+        self.pad, self.plate, self.ratio = mi.Float(pad), mi.Float(plate), mi.Float(plate / pad)
+        self.thickness = mi.Float(scene.window.thickness)
+        dr.make_opaque(self.pad, self.plate, self.ratio, self.thickness)
+
+    def index_at(self, p: mi.Point3f) -> mi.Float:
+        """Return the index at a point of pad or window."""
+        return dr.select(p.z < 0.0, self.plate, self.pad)
+
+    def passed(self, pad_cos: mi.Float) -> mi.Float:
+        """Return what the bond lets through; the cosine is that in the pad."""
+        return 1.0 - mi.fresnel(dr.abs(pad_cos), self.ratio)[0]
 
 
 @dataclass
@@ -47,13 +72,12 @@ class LayeredWay:
     spread: mi.Float
 
 
-def layered_way(
-    across: mi.Vector3f, pad: mi.Float, plate: mi.Float, ratio: mi.Float, *, plate_is_denser: bool
-) -> LayeredWay:
+def way_over_lower_face(bond: Bond, across: mi.Vector3f, pad: mi.Float) -> LayeredWay:
     """Return the way that goes as far as x and y of ``across`` (mm).
 
-    ``pad`` and ``plate`` are the heights (mm) that it crosses of each.
+    It crosses a height ``pad`` (mm) of silicone in all, and the window twice.
     """
+    ratio, plate_is_denser, plate = bond.ratio, bond.plate_is_denser, 2.0 * bond.thickness
     reach = dr.maximum(dr.hypot(across.x, across.y), 1e-6)
     pad = dr.maximum(pad, THINNEST)
     # From the denser side total reflection says where the crossing is at most.
@@ -75,3 +99,105 @@ def layered_way(
         mi.Vector3f(across.x * scale, across.y * scale, -cos_1), cos_1, cos_2, pad_length,
         plate_length, aside * cos_1 * within,
     )  # fmt: skip
+
+
+@dataclass
+class Tube:
+    """How light from a point spreads behind the face that it leaves by (a Dr.Jit PyTree).
+
+    ``distance`` mm behind it the area across the light per solid angle at the point is
+    ``area + distance (first + distance second)``, in mm^2 / sr.
+    """
+
+    area: mi.Float
+    first: mi.Float
+    second: mi.Float
+
+    def at(self, distance: mi.Float) -> mi.Float:
+        """Return the area per solid angle."""
+        distance = dr.maximum(distance, 0.0)
+        return dr.abs(self.area + distance * (self.first + distance * self.second))
+
+
+def tube_behind(
+    bond: Bond, d: mi.Vector3f, in_plate: mi.Bool, pad_length: mi.Float, plate_length: mi.Float,
+    outward: mi.Vector3f, outside: mi.Vector3f,
+) -> Tube:  # fmt: skip
+    """Return how light spreads that began in the pad and leaves along ``d``.
+
+    It has gone so far (mm) in either medium and leaves by a face with the normal ``outward``,
+    behind which it goes ``outside``. Differentials of the ray, in the plane of incidence of the
+    bond and across it, are carried to the face and through it (Igehy 1999).
+    """
+    index = dr.select(in_plate, bond.plate, bond.pad)
+    slow = dr.hypot(d.x, d.y)
+    toward_x = dr.select(slow > 1e-6, d.x / slow, 1.0)
+    toward_y = dr.select(slow > 1e-6, d.y / slow, 0.0)
+    cosine = dr.maximum(dr.abs(d.z), 1e-6)
+    cos_1, cos_2 = (
+        dr.sqrt(dr.maximum(1.0 - dr.square(slow * index / of), 1e-12))
+        for of in (bond.pad, bond.plate)
+    )
+    # Angles in the window per angle in the pad.
+    bent, turned = cos_1 / (bond.ratio * cos_2), dr.rcp(bond.ratio)
+    moved_in = (pad_length / cos_1 + plate_length * bent / cos_2) * cosine
+    moved_across = pad_length + plate_length * turned
+    steeper = mi.Vector3f(toward_x * cosine, toward_y * cosine, -dr.mulsign(slow, d.z))
+    aside = mi.Vector3f(-toward_y, toward_x, 0.0)
+    differentials = []
+    for moved, direction, angle in (
+        (moved_in, steeper, dr.select(in_plate, bent, 1.0)),
+        (moved_across, aside, dr.select(in_plate, turned, 1.0)),
+    ):
+        at_face = moved * direction
+        at_face -= d * (dr.dot(outward, at_face) / dr.dot(outward, d))
+        along_face = index * angle * (direction - outward * dr.dot(outward, direction))
+        # The part along the normal makes it a unit vector.
+        leaving = -dr.dot(outside, along_face) / dr.dot(outside, outward)
+        differentials.append((at_face, along_face + leaving * outward))
+    (p, turn_p), (q, turn_q) = differentials
+
+    def area(a: mi.Vector3f, b: mi.Vector3f) -> mi.Float:
+        return dr.dot(outside, dr.cross(a, b))
+
+    return Tube(area(p, q), area(p, turn_q) + area(turn_p, q), area(turn_p, turn_q))
+
+
+@dataclass
+class WallReflections:
+    """What walls leave of light on a way (``reflected``), and the ``chance`` to follow it."""
+
+    reflected: mi.Float
+    chance: mi.Float
+
+
+def reflected_by_walls(
+    bond: Bond, box: tuple[mi.Vector3f, mi.Vector3f], metal: mi.Float, a: mi.Vector3f,
+    direction: mi.Vector3f, in_plate: tuple[mi.Float, mi.Float], counts: list[mi.Float],
+) -> WallReflections:  # fmt: skip
+    """Return what walls reflect on a way from ``a`` in the pad along ``direction``.
+
+    ``box`` are the lowest and highest corner (mm); ``metal`` is what sides reflect, -1 by Fresnel's
+    equations, as in ``render.cells.lamp_ways``. The way is in the window between two distances
+    ``in_plate`` along the bond (mm) and meets walls ``counts`` times across x and y, at most twice.
+    """
+    low, high = box
+    slow = dr.maximum(dr.hypot(direction.x, direction.y), 1e-6)
+    reflected, chance = mi.Float(1.0), mi.Float(1.0)
+    for axis in range(2):
+        part = direction[axis] / slow
+        up, share = part > 0, dr.maximum(dr.abs(part), 1e-6)
+        first = dr.select(up, high[axis] - a[axis], a[axis] - low[axis])
+        for met in range(2):
+            at = (first + met * (high[axis] - low[axis])) / share
+            below = (at > in_plate[0]) & (at < in_plate[1])
+            cosine = dr.abs(direction[axis]) * dr.select(below, dr.rcp(bond.ratio), 1.0)
+            index = dr.select(below, bond.plate, bond.pad)
+            upper = up if met == 0 else ~up
+            of_metal = dr.gather(mi.Float, metal, 2 * axis + dr.select(upper, mi.UInt32(1), 0))
+            by_fresnel = mi.fresnel(cosine, dr.rcp(index))[0]
+            there = counts[axis] > met + 0.5
+            once = dr.select(of_metal < 0, by_fresnel, of_metal)
+            reflected *= dr.select(there, once, 1.0)
+            chance *= dr.select(there, dr.select(of_metal < 0, by_fresnel, 1.0), 1.0)
+    return WallReflections(reflected, chance)

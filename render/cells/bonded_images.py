@@ -12,7 +12,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.bond_optics import LayeredWay, layered_way, through_bond
+from render.cells.bond_optics import Bond, LayeredWay, through_bond, way_over_lower_face
 from render.cells.box_images import BoxImages
 from render.cells.mirror_images import ON_FACE, FoldedLine, ImageChain
 from render.paths.vertex import Vertex
@@ -27,19 +27,11 @@ class BondedImages(BoxImages):
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places and both indices from the scene."""
         super().__init__(scene)
-        assert scene.window is not None
-        pad, plate = scene.pad.index, scene.window.index
-        self.plate_is_denser = plate > pad
-        self.plate_index, self.ratio = mi.Float(plate), mi.Float(plate / pad)
-        self.thickness = mi.Float(scene.window.thickness)
-        dr.make_opaque(self.plate_index, self.ratio, self.thickness)
+        self.bond = Bond(scene)
 
     def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> LayeredWay:
         """Return the way over the lower face, as if ``image`` had that."""
-        return layered_way(
-            mi.Vector3f(self.point(image, p) - a), a.z + p.z, 2.0 * self.thickness, self.ratio,
-            plate_is_denser=self.plate_is_denser,
-        )  # fmt: skip
+        return way_over_lower_face(self.bond, mi.Vector3f(self.point(image, p) - a), a.z + p.z)
 
     def _over_lower(self, image: mi.UInt32) -> mi.Bool:
         return self._digits(image)[2] > 0
@@ -57,23 +49,19 @@ class BondedImages(BoxImages):
         """
         weight = super()._weight(image, a, y)
         way, lower = self._way(image, a.p, y.p), self._over_lower(image)
-        return weight * dr.select(lower, dr.square(self._passed(way.pad_cos)), 1.0)
+        return weight * dr.select(lower, dr.square(self.bond.passed(way.pad_cos)), 1.0)
 
     def _reflected(self, axis: int, digit: mi.UInt32, direction: mi.Vector3f) -> mi.Float:
         """Return what a mirror reflects of light that has ``direction`` at the coating."""
         if axis < 2:
             return super()._reflected(axis, digit, direction)
-        along = (1.0 - dr.square(direction.z)) / dr.square(self.ratio)
+        along = (1.0 - dr.square(direction.z)) / dr.square(self.bond.ratio)
         cosine = dr.sqrt(dr.maximum(1.0 - along, 0.0))
-        return self.reflectance(3 * axis + digit, cosine, self.plate_index)
+        return self.reflectance(3 * axis + digit, cosine, self.bond.plate)
 
     def index_at(self, p: mi.Point3f) -> mi.Float:
         """Return the index on the inner side of a face at ``p``."""
-        return dr.select(p.z < 0.0, self.plate_index, self.index)
-
-    def _passed(self, pad_cos: mi.Float) -> mi.Float:
-        """Return what the bond lets through; the cosine is that in the pad."""
-        return 1.0 - mi.fresnel(dr.abs(pad_cos), self.ratio)[0]
+        return self.bond.index_at(p)
 
     def _at_bond(self, v: Vertex) -> mi.Bool:
         """Return whether ``v`` lies in the bond."""
@@ -86,7 +74,7 @@ class BondedImages(BoxImages):
     def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
         """Follow a line, through the bond where it meets that."""
         line, bond = super().follow(b, d, left, going), going & self._at_bond(b)
-        onward, passed = through_bond(d, self.ratio)
+        onward, passed = through_bond(d, self.bond.ratio)
         # Down to the lower face, up to the vertex.
         meets = line.meets | (bond & (self._over_lower(left) == (d.z < 0)))
         below, rest = dr.select(bond, d.z < 0, b.p.z < 0), dr.select(bond, left, line.left)
@@ -98,7 +86,7 @@ class BondedImages(BoxImages):
     def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
         """Return ``chain`` with what it meets at ``v``; the bond leaves it open."""
         following, bond = super().extend(chain, v, d), self._at_bond(v)
-        _, passed = through_bond(d, self.ratio)
+        _, passed = through_bond(d, self.bond.ratio)
         following.open = dr.select(bond, chain.open, following.open)
         following.chance = dr.select(bond, chain.chance * passed, following.chance)
         return following

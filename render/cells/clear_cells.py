@@ -20,11 +20,13 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
+from render.cells.bond_optics import Bond
+from render.cells.bonded_ways import BondedWays
 from render.cells.cell_sampler import TargetPixels, Targets, pixel_rays
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_spots import LampSpots, Spots, survival_of
 from render.cells.lamp_ways import LampLine, LampWays, wrapped
-from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.cells.pad_surfaces import BOND, DIELECTRIC, DIFFUSE, PadSurfaces, step_off
 from render.geometry import counted_sites
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import CellSplat
@@ -47,13 +49,14 @@ STEP = (0.7548776662466927, 0.5698402909980532)
 class _Chain:
     """How a camera subpath came from a diffuse vertex (a Dr.Jit PyTree).
 
-    ``before`` is the length since then, ``density`` that of its direction there times the chance of
-    all that happened since, ``counts`` how often each axis reflected and ``up`` whether the
-    direction goes up the axis. ``kappa`` is how likely light subpaths find the vertex, as in
-    ``render.cells.lamp_spots``.
+    ``before`` is the length in the pad since then and ``below`` that in a window, ``density`` that
+    of its direction there times the chance of all that happened since, ``counts`` how often each
+    axis reflected and ``up`` whether the direction goes up the axis. ``kappa`` is how likely light
+    subpaths find the vertex, as in ``render.cells.lamp_spots``.
     """
 
     before: mi.Float
+    below: mi.Float
     density: mi.Float
     counts: mi.Vector3u
     up: mi.Vector3u
@@ -69,9 +72,14 @@ class ClearCells:
         """Load the pad; ``phi`` is ``(fiber, node)`` rad."""
         self.scene, self.targets, self.strata = scene, targets, strata
         self.pad = pad_scene(scene, 0.0, indented)
-        self.surfaces = PadSurfaces(self.pad)
+        self.bond = Bond(scene) if scene.window_refracts else None
+        self.surfaces = PadSurfaces(self.pad, self.bond)
         self.light = FiberLight(scene, phi, 0.0)
-        self.ways = LampWays(scene, self.light)
+        self.ways: LampWays
+        if self.bond is None:
+            self.ways = LampWays(scene, self.light)
+        else:
+            self.ways = BondedWays(scene, self.light, self.bond)
         self.sites = len(counted_sites(scene))
         self.faces = max(1, targets.count // self.sites)
         paths = self.sites * strata
@@ -126,14 +134,19 @@ class ClearCells:
         # --------------------------- Configure loop state ----------------------------
         vertex = mi.UInt32(0)  # diffuse vertices so far
         reflections = mi.UInt32(0)  # since the last of them
-        chain = _Chain(mi.Float(0), mi.Float(0), mi.Vector3u(0), mi.Vector3u(0), mi.Float(0))
+        chain = _Chain(
+            mi.Float(0), mi.Float(0), mi.Float(0), mi.Vector3u(0), mi.Vector3u(0), mi.Float(0)
+        )
         # The diffuse vertex before, and its chance to survive.
         last, last_n, survived = dr.zeros(mi.Point3f), dr.zeros(mi.Normal3f), mi.Float(1)
         active = beta > 0
         while active:
             hit = self.surfaces.hit(p, d, active)
             active = active & hit.valid
-            chain.before += dr.select(active, dr.norm(hit.p - p), 0.0)
+            run = dr.select(active, dr.norm(hit.p - p), 0.0)
+            in_window = self.surfaces.in_window(p, hit.p)
+            chain.before += dr.select(in_window, 0.0, run)
+            chain.below += dr.select(in_window, run, 0.0)
             base = first + 2 + vertex * VERTEX_EVENTS
             event = base + reflections
             kind, inward = hit.kind, -hit.cosine
@@ -163,32 +176,32 @@ class ClearCells:
                 reflections = mi.UInt32(0)
                 up = mi.Vector3u(*(dr.select(d[i] > 0, mi.UInt32(1), 0) for i in range(3)))
                 chain = _Chain(
-                    mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi, mi.Vector3u(0), up,
-                    kappa,
+                    mi.Float(0), mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi,
+                    mi.Vector3u(0), up, kappa,
                 )  # fmt: skip
                 active = active & (free < survival) & (hit.reflectance > 0)
                 active = active & (vertex < VERTEX_MAX)
             else:
                 cosine = dr.abs(hit.cosine)
-                fresnel, outside, _, _ = mi.fresnel(cosine, 1.0 / self.index)
+                index = self.surfaces.index_at(hit.p, self.index)
+                fresnel, outside, _, _ = mi.fresnel(cosine, 1.0 / index)
                 number = stream.event(event)[0]
                 boundary = kind == DIELECTRIC
                 leaves = active & boundary & (number >= fresnel)
                 if leaves & (vertex > 0):
                     # From inside, the normal is on the far side.
-                    beyond = mi.Vector3f(
-                        self.index * d + (dr.abs(outside) - self.index * cosine) * hit.n
+                    beyond = mi.Vector3f(index * d + (dr.abs(outside) - index * cosine) * hit.n)
+                    line = self.ways.leaving(
+                        hit.p, hit.n, d, beyond, chain.before, chain.below, cosine, dr.abs(outside)
                     )
-                    line = LampLine(hit.p, beyond, chain.before, cosine, dr.abs(outside))
                     chain.density *= 1.0 - fresnel
                     self._meet(met, lane, line, chain, hit.n, beta, vertex == 1)
+                onward = self.surfaces.inside(hit, d, number)
                 beta *= dr.select(boundary, 1.0, hit.reflectance)
-                chain.density *= dr.select(boundary, fresnel, 1.0)
-                for i in range(3):
-                    chain.counts[i] += dr.select(dr.abs(hit.n[i]) > 0.5, mi.UInt32(1), 0)
-                inner = dr.select(boundary, -1.0, 1.0) * hit.n
-                p = dr.select(active, step_off(hit.p, inner), p)
-                d = dr.select(active, d - 2.0 * hit.cosine * mi.Vector3f(hit.n), d)
+                chain.density *= dr.select(boundary, fresnel, onward.chance)
+                chain.counts += onward.counts
+                p = dr.select(active, onward.p, p)
+                d = dr.select(active, onward.d, d)
                 reflections += 1
                 active = active & ~leaves & (reflections < VERTEX_EVENTS - 1)
         return joined + met + spotted
@@ -207,12 +220,20 @@ class ClearCells:
         hit = self.surfaces.hit(o, d, dr.full(mi.Bool, True, dr.width(subpath)))
         # What the face reflects is lost, so that nothing is left to chance.
         cosine = -hit.cosine
-        fresnel, _, _, _ = mi.fresnel(cosine, self.index)
-        inside = dr.sqrt(1.0 - (1.0 - dr.square(cosine)) / self.index**2)
-        refracted = d / self.index + (cosine / self.index - inside) * mi.Vector3f(hit.n)
+        index = self.surfaces.index_at(hit.p, self.index)
+        fresnel, _, _, _ = mi.fresnel(cosine, index)
+        inside = dr.sqrt(1.0 - (1.0 - dr.square(cosine)) / index**2)
+        refracted = d / index + (cosine / index - inside) * mi.Vector3f(hit.n)
         enters = hit.valid & (hit.kind == DIELECTRIC) & (cosine > 0)
         weight = dr.select(enters, 1.0 - fresnel, 0.0)
-        return step_off(hit.p, -hit.n), dr.normalize(refracted), weight
+        p, d = step_off(hit.p, -hit.n), dr.normalize(refracted)
+        if self.bond is None:
+            return p, d, weight
+        # The same at the bond.
+        hit = self.surfaces.hit(p, d, enters)
+        onward = self.surfaces.inside(hit, d, mi.Float(0.0))
+        weight *= dr.select(hit.valid & (hit.kind == BOND), onward.chance, 0.0)
+        return onward.p, onward.d, weight
 
     @dr.syntax
     def _join(

@@ -26,17 +26,24 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from render.cells.bond_optics import reflected_by_walls, way_over_lower_face
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_ways import (
     BEHIND,
     CELL_MAX,
-    LampLine,
     LampWays,
     box_image,
     side_of,
     wall_reflections,
 )
-from render.cells.pad_surfaces import DIELECTRIC, DIFFUSE, PadSurfaces, step_off
+from render.cells.pad_surfaces import (
+    BOND_PASSED,
+    DIELECTRIC,
+    DIFFUSE,
+    LOWER_MET,
+    PadSurfaces,
+    step_off,
+)
 from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -111,7 +118,11 @@ class LampSpots:
             counts = wall_reflections(cell)
             if np.isnan(metal[counts > 0]).any():
                 continue
-            clear = np.where(metal < 0, counts, 0).reshape(3, 2).sum(axis=1)
+            # Over a bond each wall is looked at by itself.
+            by_walls = np.where(metal < 0, counts, 0)
+            if self.surfaces.bond is not None:
+                by_walls[:4] = counts[:4]
+            clear = by_walls.reshape(3, 2).sum(axis=1)
             mirrored = float(np.prod(np.where(metal >= 0, metal, 1.0) ** counts))
             sign, shift = box_image(scene.box.low, scene.box.high, cell)
             rows.append([*sign, *shift, *clear, mirrored])
@@ -135,14 +146,17 @@ class LampSpots:
         # Lamps may touch the face.
         entry = self.surfaces.hit(o - 2.0 * BEHIND * d, d, dr.full(mi.Bool, True, dr.width(lamp)))
         outside = -entry.cosine
-        fresnel, _, _, _ = mi.fresnel(outside, self.index)
+        eta = self.surfaces.index_at(entry.p, self.index)
+        fresnel, _, _, _ = mi.fresnel(outside, eta)
         active = entry.valid & (entry.kind == DIELECTRIC) & (outside > 0) & (enters >= fresnel)
-        inside = dr.sqrt(1.0 - (1.0 - dr.square(outside)) / self.index**2)
+        inside = dr.sqrt(1.0 - (1.0 - dr.square(outside)) / eta**2)
         # --------------------------- Configure loop state ----------------------------
-        onward = mi.Vector3f(d / self.index + (outside / self.index - inside) * entry.n)
+        onward = mi.Vector3f(d / eta + (outside / eta - inside) * entry.n)
         onward = dr.normalize(onward)
+        entered = mi.Vector3f(onward)
         begin = step_off(entry.p, -entry.n)
-        before, chance, metal = mi.Float(0), 1.0 - fresnel, mi.Float(1)
+        before, below = mi.Float(0), mi.Float(0)
+        chance, metal = 1.0 - fresnel, mi.Float(1)
         counts = mi.Vector3u(0)
         reflections = mi.UInt32(0)
         spot, n = dr.zeros(mi.Point3f, dr.width(lamp)), dr.zeros(mi.Normal3f, dr.width(lamp))
@@ -150,7 +164,10 @@ class LampSpots:
         while active:
             hit = self.surfaces.hit(begin, onward, active)
             active = active & hit.valid
-            before += dr.select(active, dr.norm(hit.p - begin), 0.0)
+            run = dr.select(active, dr.norm(hit.p - begin), 0.0)
+            in_window = self.surfaces.in_window(begin, hit.p)
+            before += dr.select(in_window, 0.0, run)
+            below += dr.select(in_window, run, 0.0)
             arrived = active & (hit.kind == DIFFUSE)
             # Behind paint and skin it is dark.
             lit = arrived & (hit.cosine < 0)
@@ -160,20 +177,21 @@ class LampSpots:
             reflectance = dr.select(lit, hit.reflectance, reflectance)
             active = active & ~arrived
             boundary = hit.kind == DIELECTRIC
-            reflected, _, _, _ = mi.fresnel(dr.abs(hit.cosine), 1.0 / self.index)
-            chance *= dr.select(active & boundary, reflected, 1.0)
-            metal *= dr.select(active & ~boundary, hit.reflectance, 1.0)
+            at = self.surfaces.index_at(hit.p, self.index)
+            reflected, _, _, _ = mi.fresnel(dr.abs(hit.cosine), 1.0 / at)
             draw = numbers.event(first + 2 + reflections)[0]
+            further = self.surfaces.inside(hit, onward, draw)
+            chance *= dr.select(active, dr.select(boundary, reflected, further.chance), 1.0)
+            metal *= dr.select(active & ~boundary, hit.reflectance, 1.0)
             active = active & (~boundary | (draw < reflected))
             for i in range(3):
-                counts[i] += dr.select(active & (dr.abs(hit.n[i]) > 0.5), mi.UInt32(1), 0)
-            inner = dr.select(boundary, -1.0, 1.0) * hit.n
-            begin = dr.select(active, step_off(hit.p, inner), begin)
-            onward = dr.select(active, onward - 2.0 * hit.cosine * mi.Vector3f(hit.n), onward)
+                counts[i] += dr.select(active, further.counts[i], 0)
+            begin = dr.select(active, further.p, begin)
+            onward = dr.select(active, further.d, onward)
             reflections += 1
             active = active & (reflections < REFLECTIONS)
         # --------------------------- What the spot sends -----------------------------
-        line = LampLine(entry.p, -d, before, inside, outside)
+        line = self.ways.leaving(entry.p, entry.n, -entered, -d, before, below, inside, outside)
         carried = self.ways.along(lamp, line)
         up = mi.Vector3u(*(dr.select(onward[i] < 0, mi.UInt32(1), 0) for i in range(3)))
         way = self.ways.entry(lamp, self.ways.code(counts, up, entry.n))
@@ -203,8 +221,10 @@ class LampSpots:
 
     def known(self, counts: mi.Vector3u, up: mi.Vector3u) -> mi.Bool:
         """Return whether a chain of reflections between diffuse vertices is one of the images."""
-        inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z <= self.deepest)
-        return inside & ((counts.z == 0) | (up.z == 0))
+        inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX)
+        if self.surfaces.bond is not None:
+            return inside & ((counts.z == 0) | (counts.z == 2 * BOND_PASSED + LOWER_MET))
+        return inside & (counts.z <= self.deepest) & ((counts.z == 0) | (up.z == 0))
 
     @dr.syntax
     def connect(
@@ -221,22 +241,66 @@ class LampSpots:
         drawn = OneNumberReservoir.drawing(none, number)
         while going:
             row = [dr.gather(mi.Float, self.rows, 10 * image + i) for i in range(10)]
-            sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
-            span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
-            squared = dr.maximum(dr.squared_norm(span), NEAREST)
-            direction = span * dr.rsqrt(squared)
-            leaving = dr.maximum(dr.dot(n, direction), 0.0)
-            arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
-            weight = leaving * arriving / squared
-            for i in range(3):
-                reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
-                for times in range(self.deepest if i == 2 else CELL_MAX):
-                    weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
-            clear = dr.sqrt(squared) - SLACK / arriving
-            drawn = drawn.offered(SpotConnection(direction, clear, row[9]), weight)
+            if self.surfaces.bond is None:
+                connection, weight = self._straight(row, a, n, spot, spot_n)
+            else:
+                connection, weight = self._over_bond(row, a, n, spot, spot_n)
+            drawn = drawn.offered(connection, weight)
             image += 1
             going = going & (image < self.count)
         return drawn.item, drawn.total
+
+    def _straight(
+        self, row: list[mi.Float], a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f,
+        spot_n: mi.Normal3f,
+    ) -> tuple[SpotConnection, mi.Float]:  # fmt: skip
+        """Return the connection to one image, and what that sends."""
+        sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
+        span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
+        squared = dr.maximum(dr.squared_norm(span), NEAREST)
+        direction = span * dr.rsqrt(squared)
+        leaving = dr.maximum(dr.dot(n, direction), 0.0)
+        arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
+        weight = leaving * arriving / squared
+        for i in range(3):
+            reflected = mi.fresnel(dr.abs(direction[i]), 1.0 / self.index)[0]
+            for times in range(self.deepest if i == 2 else CELL_MAX):
+                weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
+        clear = dr.sqrt(squared) - SLACK / arriving
+        return SpotConnection(direction, clear, row[9]), weight
+
+    def _over_bond(
+        self, row: list[mi.Float], a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f,
+        spot_n: mi.Normal3f,
+    ) -> tuple[SpotConnection, mi.Float]:  # fmt: skip
+        """Return the same where images in the lower face are seen through a bond."""
+        bond = self.surfaces.bond
+        assert bond is not None
+        sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
+        lower = row[2] < 0
+        span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
+        squared = dr.maximum(dr.squared_norm(span), NEAREST)
+        way = way_over_lower_face(bond, span, a.z + spot.z)
+        direction = dr.select(lower, way.direction, span * dr.rsqrt(squared))
+        leaving = dr.maximum(dr.dot(n, direction), 0.0)
+        arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
+        weight = leaving * arriving / dr.select(lower, way.spread, squared)
+        aside = dr.hypot(direction.x, direction.y)
+        down = a.z * aside / dr.maximum(way.pad_cos, 1e-6)
+        sine = aside / bond.ratio
+        in_window = (
+            dr.select(lower, down, dr.inf), dr.select(lower, down + way.plate_length * sine, dr.inf)
+        )  # fmt: skip
+        walls = reflected_by_walls(
+            bond, self.ways.box, self.ways.metal_sides, mi.Vector3f(a), direction, in_window,
+            row[6:8],
+        )  # fmt: skip
+        by_lower = dr.square(bond.passed(way.pad_cos))
+        reflected = mi.fresnel(way.plate_cos, dr.rcp(bond.plate))[0]
+        by_lower *= dr.select(row[8] > 0.5, reflected, 1.0)
+        weight *= walls.chance * dr.select(lower, by_lower, 1.0)
+        length = dr.select(lower, way.pad_length + way.plate_length, dr.sqrt(squared))
+        return SpotConnection(direction, length - SLACK / arriving, row[9]), weight
 
 
 def survival_of(reflectance: mi.Float) -> mi.Float:

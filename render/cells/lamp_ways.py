@@ -7,6 +7,8 @@ points of the coating are joined to a point on the lamp's end in the manner of n
 Newton's method, and its density per solid angle is that of the point on the lamp's end times what
 the refraction spreads.
 
+Over a window of another index the line is bent at the bond too (``render.cells.bonded_ways``).
+
 A *cell* of the unfolded pad is numbered per axis: 0 the pad itself, 1 its image in the upper wall,
 -1 that in the lower one, 2 the image of 1, and so on. A *way* is the face that light enters through
 and the cell where that happens.
@@ -14,6 +16,7 @@ and the cell where that happens.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import drjit as dr
@@ -67,6 +70,18 @@ class LampLine:
     inside_cos: mi.Float
     outside_cos: mi.Float
 
+    def spread(self, index: float) -> Callable[[mi.Float], mi.Float]:
+        """Return what becomes of a solid angle in the pad, so many mm behind its face."""
+        cos_out = dr.maximum(self.outside_cos, COSINE_MIN)
+        ratio_in, ratio_out = cos_out / self.inside_cos, self.inside_cos / cos_out
+
+        def area(distance: mi.Float) -> mi.Float:
+            """Return what refraction makes of it, in and across the plane of incidence."""
+            after = index * dr.maximum(distance, 0.0)
+            return (self.before * ratio_in + after * ratio_out) * (self.before + after)
+
+        return area
+
 
 @dataclass
 class Joined:
@@ -98,22 +113,23 @@ class LampWays:
         self._mirror = np.array([f.smooth or f.metal is not None for f in scene.finishes])
         self._smooth = np.array([f.smooth for f in scene.finishes])
         # What faces reflect, by axis and side; -1 where Fresnel's equations say that.
-        self.metal: mi.Float | None = None
-        if (metal >= 0).any():
-            by_side = np.full(6, -1.0, dtype=np.float32)
-            for face, value in enumerate(metal):
-                by_side[side_of(face)] = value
-            self.metal = mi.Float(by_side)
+        by_side = np.full(6, -1.0, dtype=np.float32)
+        for face, value in enumerate(metal):
+            by_side[side_of(face)] = value
+        self.metal_sides = mi.Float(by_side)
+        self.metal = self.metal_sides if (metal >= 0).any() else None
+        self.box = mi.Vector3f(*self.low.tolist()), mi.Vector3f(*self.high.tolist())
+        dr.make_opaque(self.metal_sides, self.box)
         candidates = self._candidates(scene)
         self._upload([(lamp, way) for lamp, ways in enumerate(candidates) for way in ways])
         self._weigh(scene, candidates)
 
     # -- which ways there are ------------------------------------------------------------------
 
-    def _candidates(self, scene: Scene) -> list[list[_Way]]:
+    def _candidates(self, scene: Scene) -> list[list[Way]]:
         """Return the ways that each lamp could send light over."""
         poses = fiber_poses(scene, 0.0)
-        found: list[list[_Way]] = []
+        found: list[list[Way]] = []
         for lamp in range(self.lamps):
             # A lamp that turns sweeps a ball; one that does not is taken for one here.
             outside = np.array(
@@ -121,19 +137,24 @@ class LampWays:
             )
             exits = np.nonzero(self._smooth & (outside > -poses.radius[lamp]))[0]
             ways = [
-                _Way(int(face), (x, y, z))
+                Way(int(face), (x, y, z))
                 for face in exits
                 for x in range(-CELL_MAX, CELL_MAX + 1)
                 for y in range(-CELL_MAX, CELL_MAX + 1)
-                for z in ((0, -1, -2, -3, -4) if self._strip else (0, -1))
+                for z in self.depths
             ]
             found.append([way for way in ways if self._possible(way)])
         return found
 
-    def _possible(self, way: _Way) -> bool:
+    @property
+    def depths(self) -> tuple[int, ...]:
+        """The z of cells."""
+        return (0, -1, -2, -3, -4) if self._strip else (0, -1)
+
+    def _possible(self, way: Way) -> bool:
         """Return whether the faces on the way reflect, and it leaves the pad where it ends."""
         cell = way.cells[side_of(way.face) // 2]
-        if cell and _travel(way) != (cell > 0):
+        if cell and travels_up(way) != (cell > 0):
             return False
         reflects = np.zeros(6, dtype=bool)
         reflects[5] = self._strip
@@ -142,30 +163,33 @@ class LampWays:
         counts = wall_reflections(way.cells)
         return bool(reflects[np.nonzero(counts)[0]].all())
 
-    def _upload(self, entries: list[tuple[int, _Way]]) -> None:
+    def _upload(self, entries: list[tuple[int, Way]]) -> None:
         """Upload what the lines of ``entries`` need."""
-        low, size = self.low, self.high - self.low
         rows = np.zeros((len(entries), 16), dtype=np.float32)
         counts = np.zeros((len(entries), 6), dtype=np.float32)
         codes = np.zeros(len(entries), dtype=np.uint32)
         for row, (_, way) in enumerate(entries):
-            axis = side_of(way.face) // 2
-            travel = 1.0 if _travel(way) else -1.0
-            sign, shift = box_image(low, self.high, way.cells)
-            begin = low + np.array(way.cells) * size
-            plane = begin[axis] + (size[axis] if travel > 0 else 0.0)
-            rows[row] = [*sign, *shift, *begin, *size, axis, travel, plane, 0.0]
-            counts[row] = wall_reflections(way.cells)
+            rows[row], counts[row] = self._numbers(way)
             codes[row] = way.code
         self.entries = len(entries)
         self.rows, self.counts = mi.Float(rows.ravel()), mi.Float(counts.ravel())
         self.lamp_of = mi.UInt32(np.array([lamp for lamp, _ in entries], dtype=np.uint32))
         self.code_of = mi.UInt32(codes)
         dr.make_opaque(self.rows, self.counts, self.lamp_of, self.code_of)
-        if self.metal is not None:
-            dr.make_opaque(self.metal)
 
-    def _weigh(self, scene: Scene, candidates: list[list[_Way]]) -> None:
+    def _numbers(self, way: Way) -> tuple[list[float], NDArray[np.int64]]:
+        """Return the 16 numbers of a way's line, and how often each side reflects."""
+        low, size = self.low, self.high - self.low
+        axis = side_of(way.face) // 2
+        travel = 1.0 if travels_up(way) else -1.0
+        sign, shift = box_image(low, self.high, way.cells)
+        begin = low + np.array(way.cells) * size
+        plane = begin[axis] + (size[axis] if travel > 0 else 0.0)
+        return (
+            [*sign, *shift, *begin, *size, axis, travel, plane, 0.0], wall_reflections(way.cells)
+        )  # fmt: skip
+
+    def _weigh(self, scene: Scene, candidates: list[list[Way]]) -> None:
         """Decide which ways are evaluated always, and the probabilities of the others."""
         size = self.high - self.low
         step = (np.arange(GRID) + 0.5) / GRID
@@ -322,40 +346,46 @@ class LampWays:
         line = LampLine(mi.Point3f(folded), sign * beyond, before, inside_cos, outside_cos)
         return Joined(direction, line, through, chance, valid)
 
+    def leaving(
+        self, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f, outside: mi.Vector3f,
+        before: mi.Float, below: mi.Float, inside_cos: mi.Float, outside_cos: mi.Float,
+    ) -> LampLine:  # fmt: skip
+        """Return the line of light along ``d`` that leaves a face at ``p`` along ``outside``.
+
+        ``n`` is the normal; the line has gone ``before`` mm through the pad, and ``below`` it.
+        """
+        return LampLine(p, outside, before, inside_cos, outside_cos)
+
     def along(self, lamp: mi.UInt32, line: LampLine) -> LampRay:
         """Return what ``line`` carries; all of it is 0 where it misses the lamp.
 
         The density of joining to it is per solid angle at the point in the pad where it began.
         """
-        cos_out = dr.maximum(line.outside_cos, COSINE_MIN)
-        ratio_in, ratio_out = cos_out / line.inside_cos, line.inside_cos / cos_out
-
-        def spread(distance: mi.Float) -> mi.Float:
-            """Return what refraction makes of it, in and across the plane of incidence."""
-            after = self.index * dr.maximum(distance, 0.0)
-            return (line.before * ratio_in + after * ratio_out) * (line.before + after)
-
+        spread = line.spread(self.index)
         return self.light.ray(lamp, line.exit, -line.outside, spread, EDGE, BEHIND)
 
-    @staticmethod
-    def code(counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f) -> mi.UInt32:
+    def code(self, counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f) -> mi.UInt32:
         """Return the number of the way of a chain of reflections, CODES where it has none.
 
         Along each axis it was reflected ``counts`` times, having begun ``up`` it or down; it ends
         at a face with the outward normal ``n``.
         """
-        face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
-        face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
-        x, y = (dr.select(up[i] > 0, CELL_MAX + counts[i], CELL_MAX - counts[i]) for i in range(2))
-        known = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX) & (counts.z < DEPTHS)
         # Over a clear rim the far side lets light out as well.
-        known &= (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
-        number = ((face * CELLS + x) * CELLS + y) * DEPTHS + counts.z
-        return dr.select(known, number, CODES)
+        known = (counts.z < DEPTHS) & (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
+        return dr.select(known, code_of(counts, up, n, counts.z), CODES)
+
+
+def code_of(counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f, depth: mi.UInt32) -> mi.UInt32:
+    """Return the number of the way that ends ``depth`` cells down, CODES where it has none."""
+    face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
+    face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
+    x, y = (dr.select(up[i] > 0, CELL_MAX + counts[i], CELL_MAX - counts[i]) for i in range(2))
+    number = ((face * CELLS + x) * CELLS + y) * DEPTHS + depth
+    return dr.select((counts.x <= CELL_MAX) & (counts.y <= CELL_MAX), number, CODES)
 
 
 @dataclass(frozen=True)
-class _Way:
+class Way:
     """The ``face`` that light enters through and the ``cells`` (x, y, z) where that happens."""
 
     face: int
@@ -391,7 +421,7 @@ def side_of(face: int) -> int:
     return 2 * axis + int(OUTWARD[face][axis] > 0)
 
 
-def _travel(way: _Way) -> bool:
+def travels_up(way: Way) -> bool:
     """Return whether the unfolded line goes up the axis of the face that it crosses."""
     side = side_of(way.face)
     cell = way.cells[side // 2]
@@ -421,6 +451,22 @@ def _slots(share: Array) -> NDArray[np.int64]:
 def wrapped(number: mi.Float) -> mi.Float:
     """Return the fractional part of a number."""
     return number - dr.floor(number)
+
+
+def way_crossing(
+    a: mi.Vector3f, end: mi.Vector3f, normal: mi.Vector3f, inside: mi.Float, index: float
+) -> mi.Vector3f:
+    """Return where the line from ``a`` in the pad to ``end`` crosses a face ``inside`` mm away.
+
+    ``normal`` is the way that the line goes.
+    """
+    span = end - a
+    height = dr.dot(span, normal)
+    inside, outside = dr.maximum(inside, 1e-4), dr.maximum(height - inside, 1e-4)
+    across = span - height * normal
+    reach = dr.norm(across)
+    lateral = _refracted(reach, inside, outside, index)
+    return a + lateral * across / dr.maximum(reach, 1e-9) + inside * normal
 
 
 def _refracted(reach: mi.Float, inside: mi.Float, outside: mi.Float, index: float) -> mi.Float:

@@ -12,7 +12,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-DIFFUSE, DIELECTRIC, METAL = range(3)
+from render.cells.bond_optics import Bond, through_bond
+
+DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
+BOND_PASSED, LOWER_MET, BOND_MET = 1, 3, 9
+"""What passing the bond and reflection along z add to counts where there is a bond: 9 and more
+stand for ways of light that bonds reflect."""
 
 
 @dataclass
@@ -31,6 +36,19 @@ class SurfaceHit:
     valid: mi.Bool
 
 
+@dataclass
+class Onward:
+    """How light goes on in the silicone (a Dr.Jit PyTree).
+
+    ``chance`` is that of what happened at a bond; ``counts`` how often each axis reflected.
+    """
+
+    p: mi.Point3f
+    d: mi.Vector3f
+    chance: mi.Float
+    counts: mi.Vector3u
+
+
 class PadSurfaces:
     """The triangles of a loaded pad whose BSDFs are ``diffuse``, ``dielectric`` or ``conductor``.
 
@@ -38,15 +56,17 @@ class PadSurfaces:
     ``render.optics.pad_scene``.
     """
 
-    def __init__(self, scene: mi.Scene) -> None:
+    def __init__(self, scene: mi.Scene, bond: Bond | None = None) -> None:
         """Read normals and reflectances from the shapes of ``scene``."""
-        self.scene = scene
+        self.scene, self.bond = scene, bond
         number = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
         kind, reflectance = (np.zeros(number.max() + 1, dtype=np.float32) for _ in range(2))
         first = np.zeros(number.max() + 1, dtype=np.uint32)
         normals: list[np.ndarray] = []
         for shape, at in zip(scene.shapes(), number, strict=True):
             kind[at], reflectance[at] = _surface(shape.bsdf())
+            if bond is not None and shape.id() == "bond":
+                kind[at] = BOND
             first[at] = sum(len(part) for part in normals)
             normals.append(_normals(shape))
         normal = np.concatenate(normals).astype(np.float32)
@@ -68,6 +88,37 @@ class PadSurfaces:
             reflectance=dr.gather(mi.Float, self.reflectance, shape, valid), valid=valid,
         )  # fmt: skip
 
+    def index_at(self, p: mi.Point3f, index: float) -> mi.Float | float:
+        """Return the index at ``p`` where that of the pad is ``index``."""
+        return index if self.bond is None else self.bond.index_at(p)
+
+    def in_window(self, a: mi.Point3f, b: mi.Point3f) -> mi.Bool:
+        """Return whether the line between two neighbors is in a window of another index."""
+        return mi.Bool(False) if self.bond is None else a.z + b.z < 0.0
+
+    def inside(self, hit: SurfaceHit, d: mi.Vector3f, number: mi.Float) -> Onward:
+        """Return how light along ``d`` goes on in the silicone: reflected, or through the bond.
+
+        The uniform ``number`` decides that.
+        """
+        inner = dr.select(hit.kind == DIELECTRIC, -1.0, 1.0) * hit.n
+        turned = d - 2.0 * hit.cosine * mi.Vector3f(hit.n)
+        counts = mi.Vector3u(
+            *(dr.select(dr.abs(hit.n[i]) > 0.5, mi.UInt32(1), 0) for i in range(3))
+        )
+        if self.bond is None:
+            return Onward(step_off(hit.p, inner), turned, mi.Float(1.0), counts)
+        bond = hit.kind == BOND
+        onward, passed = through_bond(d, self.bond.ratio)
+        passes = bond & (number < passed)
+        inner = dr.select(bond, dr.mulsign(1.0, hit.cosine) * dr.select(passes, 1.0, -1.0), 1.0) * (
+            dr.select(bond, mi.Normal3f(hit.n), inner)
+        )
+        level = dr.select(bond, dr.select(passes, mi.UInt32(BOND_PASSED), BOND_MET), LOWER_MET)
+        counts.z = dr.select(counts.z > 0, level, 0)
+        chance = dr.select(bond, dr.select(passes, passed, 1.0 - passed), 1.0)
+        return Onward(step_off(hit.p, inner), dr.select(passes, onward, turned), chance, counts)
+
     @dr.syntax
     def blocked(
         self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, active: mi.Bool
@@ -83,9 +134,9 @@ class PadSurfaces:
             blocked |= going & (hit.kind == DIFFUSE) & (run < left - 1e-3)
             left -= run
             going = going & ~blocked & (left > 1e-2)
-            inner = dr.select(hit.kind == DIELECTRIC, -1.0, 1.0) * hit.n
-            o = step_off(hit.p, inner)
-            d = d - 2.0 * hit.cosine * mi.Vector3f(hit.n)
+            # Through the bond in any case.
+            onward = self.inside(hit, d, mi.Float(0.0))
+            o, d = onward.p, onward.d
         return blocked
 
 
