@@ -1,9 +1,9 @@
 """Ways of light from lamps into a flat pad of smooth faces over a window of another index.
 
 As in ``render.cells.lamp_ways``, but for the bond, where light is bent on its way down and up. By
-Fermat's principle its line is the shortest (``render.cells.bonded_aim``). What a bond reflects is
-left to camera subpaths, so along z there are four ways, in the place of cells: straight, or over
-the lower face; to a face of the pad, or of the window.
+Fermat's principle its line is the shortest (``render.cells.bonded_aim``). In the place of cells
+along z there are seven `LEVELS`: ways to a face of the pad, and others to one of the window, over
+lower face and bond. Longer ones are left to camera subpaths.
 """
 
 from __future__ import annotations
@@ -32,13 +32,39 @@ from render.cells.lamp_ways import (
     wall_reflections,
     way_crossing,
 )
-from render.cells.pad_surfaces import BOND_PASSED, LOWER_MET
+from render.cells.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET
 from render.geometry import LOWER
 from render.scene import Scene
 
-IN_PAD, OVER_LOWER, IN_WINDOW, WINDOW_OVER_LOWER = range(4)
-"""Ways along z: they end at a face of the pad, the latter two at one of the window."""
+
+@dataclass(frozen=True)
+class _Level:
+    """How a way goes along z.
+
+    Light passes the bond ``passed`` times, and is reflected ``by_lower`` face and ``by_bond`` so
+    often; ``in_window`` says that it ends at a face of the window.
+    """
+
+    passed: int
+    by_lower: int
+    by_bond: int
+    in_window: bool
+
+    @property
+    def count(self) -> int:
+        """What ``render.cells.pad_surfaces`` counts."""
+        return self.passed * BOND_PASSED + self.by_lower * LOWER_MET + self.by_bond * BOND_MET
+
+
+LEVELS = (
+    _Level(0, 0, 0, False), _Level(2, 1, 0, False), _Level(1, 0, 0, True), _Level(1, 1, 0, True),
+    _Level(0, 0, 1, False), _Level(1, 1, 1, True), _Level(1, 2, 1, True),
+)  # fmt: skip
+"""The ways along z that are known, by their number."""
+IN_PAD, OVER_LOWER, IN_WINDOW, _, BY_BOND = range(5)
 LOWER_SIDE = side_of(LOWER)
+MISSED = 5e-3
+"""mm by which the line that Snell's law bends may miss the point on the lamp."""
 
 
 @dataclass
@@ -63,7 +89,7 @@ class BondedWays(LampWays):
     @property
     def depths(self) -> tuple[int, ...]:
         """The ways along z, as z of cells."""
-        return (-IN_PAD, -OVER_LOWER, -IN_WINDOW, -WINDOW_OVER_LOWER)
+        return tuple(-number for number in range(len(LEVELS)))
 
     def _possible(self, way: Way) -> bool:
         """Return whether the faces on the way reflect, and it leaves where it ends."""
@@ -79,23 +105,26 @@ class BondedWays(LampWays):
         for face, there in enumerate(self._mirror):
             reflects[side_of(face)] = there
         counts = wall_reflections((x, y, 0))
-        counts[LOWER_SIDE] = int(depth in (OVER_LOWER, WINDOW_OVER_LOWER))
+        counts[LOWER_SIDE] = LEVELS[depth].by_lower
         return bool(reflects[np.nonzero(counts)[0]].all())
 
     def _numbers(self, way: Way) -> tuple[list[float], NDArray[np.int64]]:
         """Return the 16 numbers of a way's line, and how often each side reflects."""
         depth = -way.cells[2]
         row, counts = super()._numbers(Way(way.face, (way.cells[0], way.cells[1], 0)))
-        low, high = float(self.low[2]), float(self.high[2])
-        over_lower = depth in (OVER_LOWER, WINDOW_OVER_LOWER)
-        counts[LOWER_SIDE] = int(over_lower)
-        row[2], row[5] = (-1.0, 2.0 * low) if over_lower else (1.0, 0.0)
-        # Where along z of the unfolded pad the way may end.
-        begin, end = {
-            IN_PAD: (0.0, high), OVER_LOWER: (2.0 * low - high, 2.0 * low),
-            IN_WINDOW: (low, 0.0), WINDOW_OVER_LOWER: (2.0 * low, low),
-        }[depth]  # fmt: skip
-        row[8], row[11], row[15] = begin, end - begin, float(depth)
+        level, low, high = LEVELS[depth], float(self.low[2]), float(self.high[2])
+        counts[LOWER_SIDE] = level.by_lower
+        # Planes that mirror, and between which heights the way may end, unfolded.
+        if level.in_window:
+            folds = level.by_lower + level.by_bond
+            row[2], row[5] = (-1.0, (folds + 1) * low) if folds % 2 else (1.0, folds * low)
+            row[8], row[11] = (folds + 1) * low, -low
+        else:
+            plane = level.by_lower * low
+            mirrored = depth != IN_PAD
+            row[2], row[5] = (-1.0, 2.0 * plane) if mirrored else (1.0, 0.0)
+            row[8], row[11] = (2.0 * plane - high if mirrored else 0.0), high
+        row[15] = float(depth)
         return row, counts
 
     def join(
@@ -109,7 +138,10 @@ class BondedWays(LampWays):
         sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
         begin, size = mi.Vector3f(row[6:9]), mi.Vector3f(row[9:12])
         axis, travel, plane, depth = row[12:16]
-        straight, over, window = depth < 0.5, dr.abs(depth - 1.0) < 0.5, depth > 1.5
+        number = mi.UInt32(depth)
+        over, by_bond = number == OVER_LOWER, number == BY_BOND
+        straight = (number == IN_PAD) | by_bond
+        window = ~straight & ~over
         point = self.light.sample_position(lamp, pick, square)[0]
         image = sign * mi.Vector3f(point) + shift
         normal = mi.Vector3f(*(dr.select(axis == float(i), travel, 0.0) for i in range(3)))
@@ -125,11 +157,11 @@ class BondedWays(LampWays):
             plane * dr.abs(normal), -normal, image, index,
         )  # fmt: skip
         # In one medium there is a formula.
-        by_face = way_crossing(begins, image, normal, inside, self.index)
+        alone_face = way_crossing(begins, image, normal, inside, self.index)
         first, second = found.bond - begins, found.face - found.bond
         first_length, second_length = dr.norm(first), dr.maximum(dr.norm(second), 1e-6)
-        leaves = dr.select(straight, by_face, found.face)
-        alone = by_face - begins
+        leaves = dr.select(straight, alone_face, found.face)
+        alone = alone_face - begins
         alone_length = dr.norm(alone)
         onward = dr.select(straight, alone / alone_length, second / second_length)
         direction = dr.select(window, first / dr.maximum(first_length, 1e-6), onward)
@@ -146,6 +178,12 @@ class BondedWays(LampWays):
         outside_cos = dr.sqrt(dr.maximum(1.0 - dr.squared_norm(along), 0.0))
         valid &= (outside_cos > COSINE_MIN) & (inside_cos > 0)
         beyond = along + outside_cos * normal
+        # The shortest line need not be one that light takes: it may run along the bond.
+        scale = dr.select(window, dr.rcp(bond.ratio), bond.ratio)
+        kink = scale * first / dr.maximum(first_length, 1e-6) - second / second_length
+        missed = dr.hypot(kink.x, kink.y) * second_length
+        missed += dr.norm(dr.norm(image - leaves) * beyond - (image - leaves))
+        valid &= straight | (missed < MISSED)
         # --------------------------- What the faces let through ------------------------------
         through = 1.0 - mi.fresnel(dr.abs(inside_cos), dr.rcp(index))[0]
         aside = dr.hypot(direction.x, direction.y)
@@ -162,15 +200,22 @@ class BondedWays(LampWays):
             ],
         )  # fmt: skip
         passed = bond.passed(pad_cos)
-        through *= dr.select(straight, 1.0, dr.select(over, dr.square(passed), passed))
+        by_face = mi.Float(1.0)
+        for level in range(1, len(LEVELS)):
+            of = LEVELS[level]
+            both = passed**of.passed * (1.0 - passed) ** of.by_bond
+            by_face = dr.select(number == level, both, by_face)
+        through *= by_face
         plate_cos = dr.sqrt(dr.maximum(1.0 - dr.square(aside / bond.ratio), 0.0))
         by_lower = mi.fresnel(plate_cos, dr.rcp(bond.plate))[0]
         metal = dr.gather(mi.Float, self.metal_sides, mi.UInt32(LOWER_SIDE))
-        lower = dr.gather(mi.Float, self.counts, 6 * at + LOWER_SIDE) > 0.5
-        once = dr.select(metal < 0, by_lower, metal)
+        once, followed = dr.select(metal < 0, by_lower, metal), dr.select(metal < 0, by_lower, 1.0)
+        times = dr.gather(mi.Float, self.counts, 6 * at + LOWER_SIDE)
         chance = through * walls.chance
-        chance *= dr.select(lower, dr.select(metal < 0, by_lower, 1.0), 1.0)
-        through *= walls.reflected * dr.select(lower, once, 1.0)
+        through *= walls.reflected
+        for met in (0.5, 1.5):
+            through *= dr.select(times > met, once, 1.0)
+            chance *= dr.select(times > met, followed, 1.0)
         tube = tube_behind(bond, onward, window, pad_length, below, normal, beyond)
         line = BondedLine(
             mi.Point3f(sign * (leaves - shift)), sign * beyond, pad_length + below, inside_cos,
@@ -192,10 +237,7 @@ class BondedWays(LampWays):
         Along z ``counts`` are as ``render.cells.pad_surfaces`` counts.
         """
         depth = mi.UInt32(CODES)
-        for way, count in (
-            (IN_PAD, 0), (OVER_LOWER, 2 * BOND_PASSED + LOWER_MET), (IN_WINDOW, BOND_PASSED),
-            (WINDOW_OVER_LOWER, BOND_PASSED + LOWER_MET),
-        ):  # fmt: skip
-            depth = dr.select(counts.z == count, way, depth)
+        for number, level in enumerate(LEVELS):
+            depth = dr.select(counts.z == level.count, number, depth)
         known = depth < CODES
         return dr.select(known, code_of(counts, up, n, dr.select(known, depth, 0)), CODES)

@@ -37,6 +37,7 @@ from render.cells.lamp_ways import (
     wall_reflections,
 )
 from render.cells.pad_surfaces import (
+    BOND_MET,
     BOND_PASSED,
     DIELECTRIC,
     DIFFUSE,
@@ -56,6 +57,8 @@ SURVIVAL_MIN, SURVIVAL_MAX = 0.2, 0.95
 """Of Russian roulette, behind the facet: the reflectance between these."""
 SLACK = 1e-2
 """mm above a spot from which it is not hidden: rays step off the faces that reflect them."""
+AT_BOND = 1
+"""Level of the image that a bond shows."""
 NEAREST = 1e-6
 """mm^2 that squared distances are at least."""
 
@@ -114,7 +117,11 @@ class LampSpots:
         span = range(-CELL_MAX, CELL_MAX + 1)
         if self.deepest > 1:
             metal[5] = -1.0
-        for cell in itertools.product(span, span, range(-self.deepest, 1)):
+        levels = list(range(-self.deepest, 1))
+        if self.surfaces.bond is not None:
+            levels.append(AT_BOND)
+        for *across, level in itertools.product(span, span, levels):
+            cell = (across[0], across[1], min(level, 0))
             counts = wall_reflections(cell)
             if np.isnan(metal[counts > 0]).any():
                 continue
@@ -125,6 +132,8 @@ class LampSpots:
             clear = by_walls.reshape(3, 2).sum(axis=1)
             mirrored = float(np.prod(np.where(metal >= 0, metal, 1.0) ** counts))
             sign, shift = box_image(scene.box.low, scene.box.high, cell)
+            if level == AT_BOND:
+                sign[2] = -1.0
             rows.append([*sign, *shift, *clear, mirrored])
         self.count = len(rows)
         self.rows = mi.Float(np.array(rows, dtype=np.float32).ravel())
@@ -223,7 +232,8 @@ class LampSpots:
         """Return whether a chain of reflections between diffuse vertices is one of the images."""
         inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX)
         if self.surfaces.bond is not None:
-            return inside & ((counts.z == 0) | (counts.z == 2 * BOND_PASSED + LOWER_MET))
+            of_images = (counts.z == 0) | (counts.z == BOND_MET)
+            return inside & (of_images | (counts.z == 2 * BOND_PASSED + LOWER_MET))
         return inside & (counts.z <= self.deepest) & ((counts.z == 0) | (up.z == 0))
 
     @dr.syntax
@@ -277,7 +287,8 @@ class LampSpots:
         bond = self.surfaces.bond
         assert bond is not None
         sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
-        lower = row[2] < 0
+        lower = row[5] < 0
+        by_bond = (row[2] < 0) & ~lower
         span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
         squared = dr.maximum(dr.squared_norm(span), NEAREST)
         way = way_over_lower_face(bond, span, a.z + spot.z)
@@ -299,6 +310,7 @@ class LampSpots:
         reflected = mi.fresnel(way.plate_cos, dr.rcp(bond.plate))[0]
         by_lower *= dr.select(row[8] > 0.5, reflected, 1.0)
         weight *= walls.chance * dr.select(lower, by_lower, 1.0)
+        weight *= dr.select(by_bond, 1.0 - bond.passed(direction.z), 1.0)
         length = dr.select(lower, way.pad_length + way.plate_length, dr.sqrt(squared))
         return SpotConnection(direction, length - SLACK / arriving, row[9]), weight
 

@@ -33,8 +33,9 @@ from render.scene import FACES, OUTWARD, Scene
 CELL_MAX = 2
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
 CELLS = 2 * CELL_MAX + 1
-DEPTHS = 5
-"""Cells in z, 0 to -4: the lower face may reflect, and in turn with it the top of a clear rim."""
+DEPTHS = 7
+"""Cells in z, 0 to -4: the lower face may reflect, and in turn with it the top of a clear rim. Over
+a bond there are as many ways along z."""
 CODES = len(FACES) * CELLS**2 * DEPTHS
 """Ways, numbered by face and cell in x, y and z."""
 MAIN_SHARE = 0.05
@@ -371,7 +372,7 @@ class LampWays:
         at a face with the outward normal ``n``.
         """
         # Over a clear rim the far side lets light out as well.
-        known = (counts.z < DEPTHS) & (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
+        known = (counts.z < 5) & (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
         return dr.select(known, code_of(counts, up, n, counts.z), CODES)
 
 

@@ -16,8 +16,8 @@ from render.cells.bond_optics import Bond, through_bond
 
 DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
 BOND_PASSED, LOWER_MET, BOND_MET = 1, 3, 9
-"""What passing the bond and reflection along z add to counts where there is a bond: 9 and more
-stand for ways of light that bonds reflect."""
+"""What the bond and the lower face add to the counts along z where there is a bond: no two of the
+ways that are told apart have the same."""
 
 
 @dataclass
