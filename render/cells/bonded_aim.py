@@ -75,13 +75,15 @@ def shortest_way(
     while step < STEPS:
         inverse, slope, _ = _derivatives(a, here, lamp, layer_index, index, (first, second))
         by = inverse @ slope
-        best = here
+        over, along = mi.Vector3f(by[0], by[1], 0.0), by[2] * first + by[3] * second
+        # Half way to the bond at most, where the second layer would end.
+        room = dr.select(layer > SHORTEST, up * (here.face.z - level), dr.inf)
+        whole = dr.minimum(1.0, 0.5 * room / dr.maximum(up * along.z, 1e-9))
         # Of near minima lengths tell little.
-        near = dr.squared_norm(by) < NEAR
+        near = (dr.squared_norm(by) < NEAR) & (whole == 1.0)
+        best = here
         for part_of in LENGTHS:
-            bond = here.bond - part_of * mi.Vector3f(by[0], by[1], 0.0)
-            face = here.face - part_of * (by[2] * first + by[3] * second)
-            face.z = level + up * dr.maximum(up * (face.z - level), least)
+            bond, face = here.bond - part_of * whole * over, here.face - part_of * whole * along
             other = Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
             better = other.length < best.length
             best = dr.select(dr.select(near, part_of == 1.0, better), other, best)
