@@ -63,7 +63,7 @@ LEVELS = (
 """The ways along z that are known, by their number."""
 IN_PAD, OVER_LOWER, IN_WINDOW, _, BY_BOND = range(5)
 LOWER_SIDE = side_of(LOWER)
-MISSED = 5e-3
+MISSED = 1e-3
 """mm by which the line that Snell's law bends may miss the point on the lamp."""
 
 
@@ -147,7 +147,7 @@ class BondedWays(LampWays):
         normal = mi.Vector3f(*(dr.select(axis == float(i), travel, 0.0) for i in range(3)))
         inside = travel * (plane - dr.dot(begins, dr.abs(normal)))
         outside = dr.dot(image - begins, normal) - inside
-        valid = known & (inside > 0) & (outside > -BEHIND)
+        valid = known & (a.z > 0) & (inside > 0) & (outside > -BEHIND)
         image += normal * dr.maximum(1e-4 - outside, 0.0)
         # --------------------------- The line ------------------------------------------------
         layer = dr.select(window, a.z, dr.select(over, 2.0 * bond.thickness, 0.0))
@@ -181,7 +181,7 @@ class BondedWays(LampWays):
         # The shortest line need not be one that light takes: it may run along the bond.
         scale = dr.select(window, dr.rcp(bond.ratio), bond.ratio)
         kink = scale * first / dr.maximum(first_length, 1e-6) - second / second_length
-        missed = dr.hypot(kink.x, kink.y) * second_length
+        missed = dr.hypot(kink.x, kink.y) * dr.maximum(second_length, 1.0)
         missed += dr.norm(dr.norm(image - leaves) * beyond - (image - leaves))
         valid &= straight | (missed < MISSED)
         # --------------------------- What the faces let through ------------------------------

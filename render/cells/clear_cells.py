@@ -175,9 +175,10 @@ class ClearCells:
                 vertex += 1
                 reflections = mi.UInt32(0)
                 up = mi.Vector3u(*(dr.select(d[i] > 0, mi.UInt32(1), 0) for i in range(3)))
+                counts = mi.Vector3u(0, 0, self.surfaces.unjoined(a))
                 chain = _Chain(
                     mi.Float(0), mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi,
-                    mi.Vector3u(0), up, kappa,
+                    counts, up, kappa,
                 )  # fmt: skip
                 active = active & (free < survival) & (hit.reflectance > 0)
                 active = active & (vertex < VERTEX_MAX)

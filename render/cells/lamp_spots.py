@@ -296,6 +296,8 @@ class LampSpots:
         leaving = dr.maximum(dr.dot(n, direction), 0.0)
         arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
         weight = leaving * arriving / dr.select(lower, way.spread, squared)
+        # Paint around the window is left to camera subpaths.
+        weight *= dr.select((a.z > 0) & (spot.z > 0), 1.0, 0.0)
         aside = dr.hypot(direction.x, direction.y)
         down = a.z * aside / dr.maximum(way.pad_cos, 1e-6)
         sine = aside / bond.ratio

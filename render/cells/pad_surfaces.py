@@ -15,7 +15,7 @@ import numpy as np
 from render.cells.bond_optics import Bond, through_bond
 
 DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
-BOND_PASSED, LOWER_MET, BOND_MET = 1, 3, 9
+BOND_PASSED, LOWER_MET, BOND_MET, UNJOINED = 1, 3, 9, 1 << 16
 """What the bond and the lower face add to the counts along z where there is a bond: no two of the
 ways that are told apart have the same."""
 
@@ -95,6 +95,12 @@ class PadSurfaces:
     def in_window(self, a: mi.Point3f, b: mi.Point3f) -> mi.Bool:
         """Return whether the line between two neighbors is in a window of another index."""
         return mi.Bool(False) if self.bond is None else a.z + b.z < 0.0
+
+    def unjoined(self, p: mi.Point3f) -> mi.UInt32:
+        """Return the count along z of chains that begin at ``p``: of none that is told apart if
+        that is on paint around a window of another index, where vertices are met by chance alone.
+        """
+        return mi.UInt32(0) if self.bond is None else dr.select(p.z < 0.0, mi.UInt32(UNJOINED), 0)
 
     def inside(self, hit: SurfaceHit, d: mi.Vector3f, number: mi.Float) -> Onward:
         """Return how light along ``d`` goes on in the silicone: reflected, or through the bond.

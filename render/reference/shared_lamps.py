@@ -25,9 +25,6 @@ def serves_all_lamps(scene: Scene, bend: float) -> bool:
     clear = layer is None or layer.sigma_s + layer.sigma_a == 0.0
     smooth = all(finish.smooth or finish.paint is not None for finish in scene.finishes)
     boundary = scene.pad.index != 1.0
-    if scene.window_refracts:
-        # Paint on a window is behind the bond.
-        boundary &= all(f.smooth or f.metal is not None for f in scene.finishes)
     pad = clear and smooth and boundary and scene.coating.lobe is None
     cast_in = any(lamp.solid for lamp in scene.placed_lamps())
     return bend == 0.0 and pad and not cast_in

@@ -205,6 +205,14 @@ CASES: dict[str, dict[str, Any]] = {
     "window like the pad": {"window": window(1.41), **BELOW_THE_PAD},
     "window lit from below": {"window": window(1.6), "lamps": [listed(-6, -3, -7, 1, 0.5, 2)]},
     "window of low index": {"window": window(1.3), **BELOW_THE_PAD},
+    "window of low index under the lamps": {"window": window(1.3)},
+    "window, white, black and mirror walls": {
+        "window": window(1.49), "rows": [row("left", 1, height=-1.5), row("left", 1, height=1.0)],
+        "faces": [
+            painted("white", "tip", reflectance=0.9), painted("mirror", "right", reflectance=0.9),
+            painted("black", "base"),
+        ],
+    },
     "lobe": lobe(0.1, 0.5),
     "bright lobe": lobe(0.4, 0.5),
     "sharp lobe": lobe(0.4, 0.1),

@@ -50,7 +50,10 @@ def without_light_subpaths(mono: ModuleType, monkeypatch: pytest.MonkeyPatch, sa
     return sampler
 
 
-@pytest.mark.parametrize("case", ["large lamp", "mirror walls", "white walls"])
+@pytest.mark.parametrize(
+    "case",
+    ["large lamp", "mirror walls", "white walls", "window", "window of low index under the lamps"],
+)
 def test_light_subpaths_find_what_camera_subpaths_find(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch, case: str
 ) -> None:

@@ -21,7 +21,7 @@ def case(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Scene:
 
 def test_flat_clear_smooth_pads_are(monkeypatch: pytest.MonkeyPatch) -> None:
     assert serves_all_lamps(scene_of_case("smooth"), 0.0)
-    for name in ("clear rim", "narrow", "below touching"):
+    for name in ("clear rim", "narrow", "below touching", "window"):
         assert serves_all_lamps(scene_of_case(name), 0.0), name
     assert serves_all_lamps(case(monkeypatch, faces=[painted("black", "base")]), 0.0)
     assert serves_all_lamps(case(monkeypatch, window=window(1.41), **BELOW_THE_PAD), 0.0)
@@ -29,7 +29,7 @@ def test_flat_clear_smooth_pads_are(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not serves_all_lamps(scene_of_case("smooth"), 0.1)
-    for name in ("rough 0.01", "no face", "rim", "window", "cast in", "row cast in"):
+    for name in ("rough 0.01", "no face", "rim", "window rough 0.1", "cast in", "row cast in"):
         assert not serves_all_lamps(scene_of_case(name), 0.0), name
     assert not serves_all_lamps(case(monkeypatch, faces=[rough(0.1, "base")]), 0.0)
     assert not serves_all_lamps(load_scene("finger20"), 0.0)
