@@ -31,6 +31,8 @@ MIN_WIDTH = 5e-4
 GRAZING_COSINE = 0.05
 """Least cosine of refraction in widths: they vanish where light leaves along the face."""
 NEWTON_STEPS = 4
+THIN = 0.01
+"""mm of window that are taken to be before lamps which are seen without it."""
 
 
 @dataclass(frozen=True)
@@ -210,12 +212,13 @@ class LampAim:
         pad_index, plate = self.bonded
         in_window, level = foot.z < 0.0, dr.gather(mi.Float, self.constants, mi.UInt32(1))
         # Before a lamp at the window lies the pad above, before others the window twice or not.
-        layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, 0.0))
+        layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, THIN))
+        rises = mirrored | (~in_window & (lamp.z > seen.z))
         if self.inside is not None:
             straight = dr.normalize(mi.Vector3f(seen) - lamp)
             inward = dr.select(dr.gather(mi.Bool, self.inside, fiber), straight, inward)
         return way_over_bond(
-            seen, layer, dr.select(in_window, pad_index, plate), mirrored, foot, inward, lamp,
+            seen, layer, dr.select(in_window, pad_index, plate), rises, foot, inward, lamp,
             dr.select(in_window, plate, pad_index), in_window,
         )  # fmt: skip
 

@@ -30,7 +30,8 @@ FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
     "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
-    "cast into a rim rough 0.1", "mixed 5", "mixed 20",
+    "cast into a rim rough 0.1", "mixed 5", "mixed 20", "window lit at its edges",
+    "window of low index under the lamps",
 )  # fmt: skip
 
 BENT = "smooth bent 45"
