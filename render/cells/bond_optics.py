@@ -31,7 +31,7 @@ def through_bond(d: mi.Vector3f, ratio: mi.Float) -> tuple[mi.Vector3f, mi.Float
     return mi.Vector3f(scale * d.x, scale * d.y, rise), 1.0 - mi.fresnel(cosine, ratio)[0]
 
 
-class Bond:
+class WindowBond:
     """The bond of a flat pad and a window of another index, at z = 0.
 
     Both indices, their ``ratio`` and the window's ``thickness`` (mm).
@@ -72,7 +72,7 @@ class LayeredWay:
     spread: mi.Float
 
 
-def way_over_lower_face(bond: Bond, across: mi.Vector3f, pad: mi.Float) -> LayeredWay:
+def way_over_lower_face(bond: WindowBond, across: mi.Vector3f, pad: mi.Float) -> LayeredWay:
     """Return the way that goes as far as x and y of ``across`` (mm).
 
     It crosses a height ``pad`` (mm) of silicone in all, and the window twice.
@@ -120,8 +120,8 @@ class Tube:
 
 
 def tube_behind(
-    bond: Bond, d: mi.Vector3f, in_plate: mi.Bool, pad_length: mi.Float, plate_length: mi.Float,
-    outward: mi.Vector3f, outside: mi.Vector3f,
+    bond: WindowBond, d: mi.Vector3f, in_plate: mi.Bool, pad_length: mi.Float,
+    plate_length: mi.Float, outward: mi.Vector3f, outside: mi.Vector3f,
 ) -> Tube:  # fmt: skip
     """Return how light spreads that began in the pad and leaves along ``d``.
 
@@ -172,14 +172,14 @@ class WallReflections:
 
 
 def reflected_by_walls(
-    bond: Bond, box: tuple[mi.Vector3f, mi.Vector3f], metal: mi.Float, a: mi.Vector3f,
+    bond: WindowBond, box: tuple[mi.Vector3f, mi.Vector3f], metal: mi.Float, a: mi.Vector3f,
     direction: mi.Vector3f, in_plate: tuple[mi.Float, mi.Float], counts: list[mi.Float],
 ) -> WallReflections:  # fmt: skip
     """Return what walls reflect on a way from ``a`` in the pad along ``direction``.
 
     ``box`` are the lowest and highest corner (mm); ``metal`` is what sides reflect, -1 by Fresnel's
-    equations, as in ``render.cells.lamp_ways``. The way is in the window between two distances
-    ``in_plate`` along the bond (mm) and meets walls ``counts`` times across x and y, at most twice.
+    equations. The way is in the window between two distances ``in_plate`` along the bond (mm) and
+    meets walls ``counts`` times across x and y, at most twice.
     """
     low, high = box
     slow = dr.maximum(dr.hypot(direction.x, direction.y), 1e-6)

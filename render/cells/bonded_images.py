@@ -12,7 +12,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.bond_optics import Bond, LayeredWay, through_bond, way_over_lower_face
+from render.cells.bond_optics import LayeredWay, WindowBond, through_bond, way_over_lower_face
 from render.cells.box_images import BoxImages
 from render.cells.mirror_images import ON_FACE, FoldedLine, ImageChain
 from render.paths.vertex import Vertex
@@ -27,7 +27,7 @@ class BondedImages(BoxImages):
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places and both indices from the scene."""
         super().__init__(scene)
-        self.bond = Bond(scene)
+        self.bond = WindowBond(scene)
 
     def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> LayeredWay:
         """Return the way over the lower face, as if ``image`` had that."""

@@ -166,13 +166,13 @@ class PadSampler:
         mirrors = mirror_faces(scene)
         bonded = scene.window_refracts
         self.images: MirrorImages | None = None
-        repeats = any(repeating_axes(scene))
-        if bonded and mirrors[LOWER] and not repeats:
+        if bonded and mirrors[LOWER]:
             self.images = BondedImages(scene)
-        elif mirrors[:LOWER].any() or (mirrors[LOWER] and not bonded):
+        elif mirrors.any():
             if self.mirror.curved:
                 self.images = BentImages(scene, bend, indented)
             else:
+                repeats = any(repeating_axes(scene))
                 self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
         self.lamp_images: LampImages | None = None
         if self.images and not self.mirror.curved and has_lamp_images(scene):

@@ -10,10 +10,10 @@ heuristic (Veach 1997, sec. 9.2) compares that with the subpaths that meet it.
 So are the diffuse vertices behind the facet, for light that goes from the skin over such walls to
 the facet: connections to light subpaths know one wall of each pair. There light subpaths compete.
 
-An image is the cell of the unfolded pad that it lies in, as in ``render.cells.lamp_ways``, packed
-into one number. Near ones are drawn from a table, by what they send, and far ones by a formula
-(``render.cells.far_cells``). The nearest are left to ``LampAim`` at the facet, not at vertices that
-come *later*.
+An image is the cell of the unfolded pad that it lies in (``render.cells.clear.unfolded_cells``),
+packed into one number. Near ones are drawn from a table, by what they send, and far ones by a
+formula (``render.cells.far_cells``). The nearest are left to ``LampAim`` at the facet, not at
+vertices that come *later*.
 """
 
 from __future__ import annotations

@@ -236,7 +236,7 @@ def pad_cells(
     (`render.geometry.check_seen`).
     """
     from render.cells.cell_sampler import CellSampler, Targets
-    from render.cells.clear_cells import ClearCells
+    from render.cells.clear.clear_cells import ClearCells
 
     pixel, offset = _target_pixels(scene, bend, indented)
     if sampler == "monte-carlo" and serves_all_lamps(scene, bend):

@@ -1,4 +1,4 @@
-"""Pads whose cells are rendered for all lamps at once (``render.cells.clear_cells``).
+"""Pads whose cells are rendered for all lamps at once (``render.cells.clear.clear_cells``).
 
 Where they are is known before Mitsuba is loaded, so that renders can be planned without it.
 """

@@ -60,7 +60,7 @@ def test_a_render_of_more_passes_goes_on_from_one_of_fewer_and_has_a_key_of_its_
 
 def test_markov_chains_stay_with_one_lamp_at_a_time(mono: ModuleType) -> None:
     from render.cells.cell_sampler import CellSampler
-    from render.cells.clear_cells import ClearCells
+    from render.cells.clear.clear_cells import ClearCells
 
     scene, phi = scene_of_case("smooth"), np.full((2, 1), 1.2)
     assert isinstance(pad_cells(scene, phi, 0.0, False), ClearCells)

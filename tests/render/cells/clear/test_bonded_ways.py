@@ -8,10 +8,10 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.cells.bond_optics import Bond
-from render.cells.bonded_ways import LEVELS, BondedWays
+from render.cells.bond_optics import WindowBond
+from render.cells.clear.bonded_ways import LEVELS, BondedWays
+from render.cells.clear.unfolded_cells import CODES, LampWay
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_ways import CODES, Way
 from render.geometry import facets
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
@@ -42,8 +42,8 @@ def test_a_lamp_brings_what_directions_find(
 ) -> None:  # fmt: skip
     scene = scene_of_case(case)
     light = FiberLight(scene, np.full((scene.lamp_count, 1), 1.2), 0.0)
-    ways = BondedWays(scene, light, Bond(scene))
-    code = Way(face, (*cells, -level)).code
+    ways = BondedWays(scene, light, WindowBond(scene))
+    code = LampWay(face, (*cells, -level)).code
     entry = int(np.array(ways.entry_of)[lamp * (CODES + 1) + code])
     assert entry < ways.entries
     place = facets(scene, 0.0)

@@ -6,8 +6,8 @@ from types import ModuleType
 
 import numpy as np
 
-from render.cells.bond_optics import Bond, way_over_lower_face
-from render.cells.pad_surfaces import (
+from render.cells.bond_optics import WindowBond, way_over_lower_face
+from render.cells.clear.pad_surfaces import (
     BOND,
     BOND_MET,
     BOND_PASSED,
@@ -49,7 +49,7 @@ def test_light_passes_a_bond_by_snells_law_or_is_reflected_as_fresnel_says(
 ) -> None:
     scene, count = scene_of_case("window of low index"), 1 << 15
     assert scene.window is not None
-    surfaces = PadSurfaces(pad_scene(scene, 0.0, False), Bond(scene))
+    surfaces = PadSurfaces(pad_scene(scene, 0.0, False), WindowBond(scene))
     rng = np.random.default_rng(2)
     for start, index, beyond in ((1.0, 1.41, 1.3), (-1.0, 1.3, 1.41)):
         # Steep enough to meet the bond before a wall.
@@ -81,7 +81,7 @@ def test_light_passes_a_bond_by_snells_law_or_is_reflected_as_fresnel_says(
 
 def test_skin_hides_what_is_behind_it_and_a_bond_does_not(mono: ModuleType) -> None:
     scene = scene_of_case("window")
-    bond = Bond(scene)
+    bond = WindowBond(scene)
     surfaces = PadSurfaces(pad_scene(scene, 0.0, True), bond)
     a = mono.Point3f([-7.0, -7.0], [-8.0, -8.0], [4.4, 4.4])
     # Over the lower face to untouched skin between the pyramids.

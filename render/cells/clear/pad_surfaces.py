@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.bond_optics import Bond, through_bond
+from render.cells.bond_optics import WindowBond, through_bond
 
 DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
 BOND_PASSED, LOWER_MET, BOND_MET, UNJOINED = 1, 3, 9, 1 << 16
@@ -56,7 +56,7 @@ class PadSurfaces:
     ``render.optics.pad_scene``.
     """
 
-    def __init__(self, scene: mi.Scene, bond: Bond | None = None) -> None:
+    def __init__(self, scene: mi.Scene, bond: WindowBond | None = None) -> None:
         """Read normals and reflectances from the shapes of ``scene``."""
         self.scene, self.bond = scene, bond
         number = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
@@ -97,8 +97,10 @@ class PadSurfaces:
         return mi.Bool(False) if self.bond is None else a.z + b.z < 0.0
 
     def unjoined(self, p: mi.Point3f) -> mi.UInt32:
-        """Return the count along z of chains that begin at ``p``: of none that is told apart if
-        that is on paint around a window of another index, where vertices are met by chance alone.
+        """Return the count along z of chains that begin at ``p``.
+
+        Vertices on paint around a window of another index are met by chance alone: their chains are
+        none that is told apart.
         """
         return mi.UInt32(0) if self.bond is None else dr.select(p.z < 0.0, mi.UInt32(UNJOINED), 0)
 

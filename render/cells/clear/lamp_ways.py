@@ -7,11 +7,8 @@ points of the coating are joined to a point on the lamp's end in the manner of n
 Newton's method, and its density per solid angle is that of the point on the lamp's end times what
 the refraction spreads.
 
-Over a window of another index the line is bent at the bond too (``render.cells.bonded_ways``).
-
-A *cell* of the unfolded pad is numbered per axis: 0 the pad itself, 1 its image in the upper wall,
--1 that in the lower one, 2 the image of 1, and so on. A *way* is the face that light enters through
-and the cell where that happens.
+A *way* is a face and a cell of the unfolded pad (``render.cells.clear.unfolded_cells``). Over a
+window of another index lines are bent at its bond too (``render.cells.clear.bonded_ways``).
 """
 
 from __future__ import annotations
@@ -25,19 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.cells.clear.unfolded_cells import (
+    CELL_MAX,
+    CODES,
+    DOWN,
+    LampWay,
+    box_image,
+    code_of,
+    side_of,
+    travels_up,
+    wall_reflections,
+)
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.cells.lamp_aim import face_crossing
 from render.geometry import fiber_poses
-from render.scene import FACES, OUTWARD, Scene
+from render.scene import Scene
 
-CELL_MAX = 2
-"""Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
-CELLS = 2 * CELL_MAX + 1
-DEPTHS = 7
-"""Cells in z, 0 to -4: the lower face may reflect, and in turn with it the top of a clear rim. Over
-a bond there are as many ways along z."""
-CODES = len(FACES) * CELLS**2 * DEPTHS
-"""Ways, numbered by face and cell in x, y and z."""
 MAIN_SHARE = 0.05
 """Part of a lamp's light from which a way is evaluated at every facet, not now and then."""
 LEAST_SHARE = 1e-5
@@ -127,10 +127,10 @@ class LampWays:
 
     # -- which ways there are ------------------------------------------------------------------
 
-    def _candidates(self, scene: Scene) -> list[list[Way]]:
+    def _candidates(self, scene: Scene) -> list[list[LampWay]]:
         """Return the ways that each lamp could send light over."""
         poses = fiber_poses(scene, 0.0)
-        found: list[list[Way]] = []
+        found: list[list[LampWay]] = []
         for lamp in range(self.lamps):
             # A lamp that turns sweeps a ball; one that does not is taken for one here.
             outside = np.array(
@@ -138,7 +138,7 @@ class LampWays:
             )
             exits = np.nonzero(self._smooth & (outside > -poses.radius[lamp]))[0]
             ways = [
-                Way(int(face), (x, y, z))
+                LampWay(int(face), (x, y, z))
                 for face in exits
                 for x in range(-CELL_MAX, CELL_MAX + 1)
                 for y in range(-CELL_MAX, CELL_MAX + 1)
@@ -152,7 +152,7 @@ class LampWays:
         """The z of cells."""
         return (0, -1, -2, -3, -4) if self._strip else (0, -1)
 
-    def _possible(self, way: Way) -> bool:
+    def _possible(self, way: LampWay) -> bool:
         """Return whether the faces on the way reflect, and it leaves the pad where it ends."""
         cell = way.cells[side_of(way.face) // 2]
         if cell and travels_up(way) != (cell > 0):
@@ -164,7 +164,7 @@ class LampWays:
         counts = wall_reflections(way.cells)
         return bool(reflects[np.nonzero(counts)[0]].all())
 
-    def _upload(self, entries: list[tuple[int, Way]]) -> None:
+    def _upload(self, entries: list[tuple[int, LampWay]]) -> None:
         """Upload what the lines of ``entries`` need."""
         rows = np.zeros((len(entries), 16), dtype=np.float32)
         counts = np.zeros((len(entries), 6), dtype=np.float32)
@@ -178,7 +178,7 @@ class LampWays:
         self.code_of = mi.UInt32(codes)
         dr.make_opaque(self.rows, self.counts, self.lamp_of, self.code_of)
 
-    def _numbers(self, way: Way) -> tuple[list[float], NDArray[np.int64]]:
+    def _numbers(self, way: LampWay) -> tuple[list[float], NDArray[np.int64]]:
         """Return the 16 numbers of a way's line, and how often each side reflects."""
         low, size = self.low, self.high - self.low
         axis = side_of(way.face) // 2
@@ -190,7 +190,7 @@ class LampWays:
             [*sign, *shift, *begin, *size, axis, travel, plane, 0.0], wall_reflections(way.cells)
         )  # fmt: skip
 
-    def _weigh(self, scene: Scene, candidates: list[list[Way]]) -> None:
+    def _weigh(self, scene: Scene, candidates: list[list[LampWay]]) -> None:
         """Decide which ways are evaluated always, and the probabilities of the others."""
         size = self.high - self.low
         step = (np.arange(GRID) + 0.5) / GRID
@@ -372,62 +372,8 @@ class LampWays:
         at a face with the outward normal ``n``.
         """
         # Over a clear rim the far side lets light out as well.
-        known = (counts.z < 5) & (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
+        known = (counts.z < DOWN) & (n.z < 0.5) & ((counts.z == 0) | (up.z == 0))
         return dr.select(known, code_of(counts, up, n, counts.z), CODES)
-
-
-def code_of(counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f, depth: mi.UInt32) -> mi.UInt32:
-    """Return the number of the way that ends ``depth`` cells down, CODES where it has none."""
-    face = dr.select(n.z < -0.5, mi.UInt32(4), 0)  # as in render.scene.FACES
-    face = dr.select(n.y > 0.5, 1, dr.select(n.x > 0.5, 2, dr.select(n.y < -0.5, 3, face)))
-    x, y = (dr.select(up[i] > 0, CELL_MAX + counts[i], CELL_MAX - counts[i]) for i in range(2))
-    number = ((face * CELLS + x) * CELLS + y) * DEPTHS + depth
-    return dr.select((counts.x <= CELL_MAX) & (counts.y <= CELL_MAX), number, CODES)
-
-
-@dataclass(frozen=True)
-class Way:
-    """The ``face`` that light enters through and the ``cells`` (x, y, z) where that happens."""
-
-    face: int
-    cells: tuple[int, int, int]
-
-    @property
-    def code(self) -> int:
-        """Number among CODES."""
-        x, y, z = self.cells
-        return ((self.face * CELLS + x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS - z
-
-
-def wall_reflections(cells: tuple[int, int, int]) -> NDArray[np.int64]:
-    """Return how often each side reflects on the way to a cell, ``(axis and side,)``."""
-    counts = np.zeros((3, 2), dtype=np.int64)
-    for axis, cell in enumerate(cells):
-        first = abs(cell) - abs(cell) // 2
-        counts[axis, int(cell > 0)] = first
-        counts[axis, int(cell <= 0)] = abs(cell) - first
-    return counts.ravel()
-
-
-def box_image(low: Array, high: Array, cells: tuple[int, int, int]) -> tuple[Array, Array]:
-    """Return ``sign`` and ``shift`` (mm) of a cell: the image of p is sign * p + shift."""
-    cell, size = np.array(cells), high - low
-    odd = cell % 2 != 0
-    return np.where(odd, -1.0, 1.0), np.where(odd, 2 * low + (cell + 1) * size, cell * size)
-
-
-def side_of(face: int) -> int:
-    """Return twice the axis of a face, and one more for the upper side."""
-    axis = int(np.abs(OUTWARD[face]).argmax())
-    return 2 * axis + int(OUTWARD[face][axis] > 0)
-
-
-def travels_up(way: Way) -> bool:
-    """Return whether the unfolded line goes up the axis of the face that it crosses."""
-    side = side_of(way.face)
-    cell = way.cells[side // 2]
-    upper = side % 2 == 1
-    return upper if cell % 2 == 0 else not upper
 
 
 def _outside(low: Array, high: Array, face: int, p: Array) -> float:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from render.cells.clear.lamp_ways import LampWays
+from render.cells.clear.unfolded_cells import CELL_MAX, DEPTHS
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_ways import CELL_MAX, DEPTHS, LampWays
 from render.scene import FACES, OUTWARD, Scene
 from tests.oracles.pads import scene_of_case
 

@@ -1,9 +1,9 @@
 """Ways of light from lamps into a flat pad of smooth faces over a window of another index.
 
-As in ``render.cells.lamp_ways``, but for the bond, where light is bent on its way down and up. By
-Fermat's principle its line is the shortest (``render.cells.bonded_aim``). In the place of cells
-along z there are seven `LEVELS`: ways to a face of the pad, and others to one of the window, over
-lower face and bond. Longer ones are left to camera subpaths.
+As in ``render.cells.clear.lamp_ways``, but for the bond, where light is bent on its way down and
+up. By Fermat's principle its line is the shortest (``render.cells.bonded_aim``). In the place of
+cells along z there are seven `LEVELS`: ways to a face of the pad, and others to one of the window,
+over lower face and bond. Longer ones are left to camera subpaths.
 """
 
 from __future__ import annotations
@@ -16,23 +16,19 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from render.cells.bond_optics import Bond, Tube, reflected_by_walls, tube_behind
+from render.cells.bond_optics import Tube, WindowBond, reflected_by_walls, tube_behind
 from render.cells.bonded_aim import shortest_way
-from render.cells.fiber_light import COSINE_MIN, FiberLight
-from render.cells.lamp_ways import (
-    BEHIND,
+from render.cells.clear.lamp_ways import BEHIND, Joined, LampLine, LampWays, way_crossing
+from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET
+from render.cells.clear.unfolded_cells import (
     CODES,
-    Joined,
-    LampLine,
-    LampWays,
-    Way,
+    LampWay,
     code_of,
     side_of,
     travels_up,
     wall_reflections,
-    way_crossing,
 )
-from render.cells.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET
+from render.cells.fiber_light import COSINE_MIN, FiberLight
 from render.geometry import LOWER
 from render.scene import Scene
 
@@ -52,7 +48,7 @@ class _Level:
 
     @property
     def count(self) -> int:
-        """What ``render.cells.pad_surfaces`` counts."""
+        """What ``render.cells.clear.pad_surfaces`` counts."""
         return self.passed * BOND_PASSED + self.by_lower * LOWER_MET + self.by_bond * BOND_MET
 
 
@@ -81,7 +77,7 @@ class BondedLine(LampLine):
 class BondedWays(LampWays):
     """All ways of all lamps of such a pad."""
 
-    def __init__(self, scene: Scene, light: FiberLight, bond: Bond) -> None:
+    def __init__(self, scene: Scene, light: FiberLight, bond: WindowBond) -> None:
         """List the ways and weigh them on a grid of points of the coating."""
         self.bond = bond
         super().__init__(scene, light)
@@ -91,7 +87,7 @@ class BondedWays(LampWays):
         """The ways along z, as z of cells."""
         return tuple(-number for number in range(len(LEVELS)))
 
-    def _possible(self, way: Way) -> bool:
+    def _possible(self, way: LampWay) -> bool:
         """Return whether the faces on the way reflect, and it leaves where it ends."""
         x, y, depth = way.cells[0], way.cells[1], -way.cells[2]
         if way.face == LOWER:
@@ -108,10 +104,10 @@ class BondedWays(LampWays):
         counts[LOWER_SIDE] = LEVELS[depth].by_lower
         return bool(reflects[np.nonzero(counts)[0]].all())
 
-    def _numbers(self, way: Way) -> tuple[list[float], NDArray[np.int64]]:
+    def _numbers(self, way: LampWay) -> tuple[list[float], NDArray[np.int64]]:
         """Return the 16 numbers of a way's line, and how often each side reflects."""
         depth = -way.cells[2]
-        row, counts = super()._numbers(Way(way.face, (way.cells[0], way.cells[1], 0)))
+        row, counts = super()._numbers(LampWay(way.face, (way.cells[0], way.cells[1], 0)))
         level, low, high = LEVELS[depth], float(self.low[2]), float(self.high[2])
         counts[LOWER_SIDE] = level.by_lower
         # Planes that mirror, and between which heights the way may end, unfolded.
@@ -234,7 +230,7 @@ class BondedWays(LampWays):
     def code(self, counts: mi.Vector3u, up: mi.Vector3u, n: mi.Normal3f) -> mi.UInt32:
         """Return the number of the way of a chain of reflections, CODES where it has none.
 
-        Along z ``counts`` are as ``render.cells.pad_surfaces`` counts.
+        Along z ``counts`` are as ``render.cells.clear.pad_surfaces`` counts.
         """
         depth = mi.UInt32(CODES)
         for number, level in enumerate(LEVELS):

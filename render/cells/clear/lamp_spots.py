@@ -27,16 +27,8 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.bond_optics import reflected_by_walls, way_over_lower_face
-from render.cells.fiber_light import FiberLight
-from render.cells.lamp_ways import (
-    BEHIND,
-    CELL_MAX,
-    LampWays,
-    box_image,
-    side_of,
-    wall_reflections,
-)
-from render.cells.pad_surfaces import (
+from render.cells.clear.lamp_ways import BEHIND, LampWays
+from render.cells.clear.pad_surfaces import (
     BOND_MET,
     BOND_PASSED,
     DIELECTRIC,
@@ -45,6 +37,8 @@ from render.cells.pad_surfaces import (
     PadSurfaces,
     step_off,
 )
+from render.cells.clear.unfolded_cells import CELL_MAX, box_image, side_of, wall_reflections
+from render.cells.fiber_light import FiberLight
 from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Stream
 from render.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from render.cells.cell_sampler import CellSampler, Targets
-from render.cells.clear_cells import ClearCells
+from render.cells.clear.clear_cells import ClearCells
 from render.reference import pad_cells
 from render.sampling.monte_carlo import MonteCarlo
 from render.scene import Scene
@@ -93,7 +93,7 @@ def test_an_interrupted_run_ends_bit_equal_and_parts_of_a_sample_are_independent
     second = MonteCarlo(sampler, 32, 4, 7)
     second.restore(first.state())
     # Targets in several parts, as on pads with many of them.
-    monkeypatch.setattr("render.cells.clear_cells.MAX_VALUES", 32 * 4 * 2 * 5)
+    monkeypatch.setattr("render.cells.clear.clear_cells.MAX_VALUES", 32 * 4 * 2 * 5)
     second.sample(1)
     np.testing.assert_array_equal(whole.estimate(), second.estimate())
     np.testing.assert_array_equal(whole.largest(), second.largest())

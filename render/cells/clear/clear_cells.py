@@ -2,11 +2,11 @@
 
 Without a medium the skin and white paint scatter light, and nothing else. Camera subpaths go from
 one such vertex to the next, over smooth faces that reflect by chance. At each they are joined to
-lamps over the faces (``render.cells.lamp_ways``), to all of them at the facet: a camera subpath
-does not know its lamp, so it serves all. They are connected to where light subpaths met skin or
-paint first as well (``render.cells.lamp_spots``), and what they meet behind the faces counts too,
-all by the balance heuristic (Veach 1997, sec. 9.2). A sample is of all cells: every facet of every
-site gets a few camera subpaths, spread over its pixels.
+lamps over the faces (``render.cells.clear.lamp_ways``), to all of them at the facet: a camera
+subpath does not know its lamp, so it serves all. They are connected to where light subpaths met
+skin or paint first as well (``render.cells.clear.lamp_spots``), and what they meet behind the faces
+counts too, all by the balance heuristic (Veach 1997, sec. 9.2). A sample is of all cells: every
+facet of every site gets a few camera subpaths, spread over its pixels.
 
 Radiances are *basic*: over the square of the index, so that refraction leaves them as they are.
 """
@@ -20,13 +20,13 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.bond_optics import Bond
-from render.cells.bonded_ways import BondedWays
+from render.cells.bond_optics import WindowBond
 from render.cells.cell_sampler import TargetPixels, Targets, pixel_rays
+from render.cells.clear.bonded_ways import BondedWays
+from render.cells.clear.lamp_spots import LampSpots, Spots, survival_of
+from render.cells.clear.lamp_ways import LampLine, LampWays, wrapped
+from render.cells.clear.pad_surfaces import BOND, DIELECTRIC, DIFFUSE, PadSurfaces, step_off
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_spots import LampSpots, Spots, survival_of
-from render.cells.lamp_ways import LampLine, LampWays, wrapped
-from render.cells.pad_surfaces import BOND, DIELECTRIC, DIFFUSE, PadSurfaces, step_off
 from render.geometry import counted_sites
 from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import CellSplat
@@ -52,7 +52,7 @@ class _Chain:
     ``before`` is the length in the pad since then and ``below`` that in a window, ``density`` that
     of its direction there times the chance of all that happened since, ``counts`` how often each
     axis reflected and ``up`` whether the direction goes up the axis. ``kappa`` is how likely light
-    subpaths find the vertex, as in ``render.cells.lamp_spots``.
+    subpaths find the vertex, as in ``render.cells.clear.lamp_spots``.
     """
 
     before: mi.Float
@@ -72,7 +72,7 @@ class ClearCells:
         """Load the pad; ``phi`` is ``(fiber, node)`` rad."""
         self.scene, self.targets, self.strata = scene, targets, strata
         self.pad = pad_scene(scene, 0.0, indented)
-        self.bond = Bond(scene) if scene.window_refracts else None
+        self.bond = WindowBond(scene) if scene.window_refracts else None
         self.surfaces = PadSurfaces(self.pad, self.bond)
         self.light = FiberLight(scene, phi, 0.0)
         self.ways: LampWays

@@ -1,0 +1,1 @@
+"""Flat clear pads of smooth or painted faces, rendered for all lamps at once."""
