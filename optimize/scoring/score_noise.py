@@ -5,8 +5,8 @@ for every draw (parametric bootstrap). Which cells share a ``z`` follows from th
 
 - ``reference``: every cell and fiber has its own, as for independent Monte Carlo noise; channels
   share it, as they share their light paths. Facets of a site share part of it
-  (``render.cells.cell_sampler``), or lamps do (``render.cells.clear.clear_cells``), which replicates
-  know and tables do not;
+  (``render.cells.cell_sampler``), or lamps do (``render.cells.clear.clear_cells``), which
+  replicates know and tables do not;
 - ``preview``, ``surrogate``: all cells of a fiber share one, as model errors are smooth. That is
   the cautious choice: errors that agree do not average out.
 
