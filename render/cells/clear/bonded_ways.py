@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from render.cells.bond_optics import Tube, WindowBond, reflected_by_walls, tube_behind
 from render.cells.bonded_aim import shortest_way
 from render.cells.clear.lamp_ways import BEHIND, Joined, LampLine, LampWays, way_crossing
-from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET
+from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET, NO_TURN
 from render.cells.clear.unfolded_cells import (
     CODES,
     LampWay,
@@ -217,7 +217,11 @@ class BondedWays(LampWays):
             mi.Point3f(sign * (leaves - shift)), sign * beyond, pad_length + below, inside_cos,
             outside_cos, tube,
         )  # fmt: skip
-        return Joined(direction, line, through, chance, valid)
+        turn = dr.select(by_bond, mi.UInt32(0), NO_TURN)
+        for level in range(len(LEVELS)):
+            if LEVELS[level].by_bond and LEVELS[level].in_window:
+                turn = dr.select(number == level, 1, turn)
+        return Joined(direction, line, through, chance, turn, valid)
 
     def leaving(
         self, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f, outside: mi.Vector3f,

@@ -266,7 +266,9 @@ class ClearCells:
                 value = scale * cosine * found.through / (density + by_chance)
                 lit = valid & (density > 0)
                 if lit:
-                    lit = ~self.surfaces.blocked(a, found.direction, found.line.before, lit)
+                    lit = ~self.surfaces.blocked(
+                        a, found.direction, found.line.before, found.turn, lit
+                    )
                 for j in range(self.channels):
                     at = (lamp * self.channels + j) * dr.width(lane) + lane
                     dr.scatter_reduce(
@@ -293,7 +295,7 @@ class ClearCells:
                 found, total = self.spots.connect(a, n, spot.p, spot.n, pick, sends)
                 lit = sends & (total > 0)
                 if lit:
-                    lit = ~self.surfaces.blocked(a, found.direction, found.clear, lit)
+                    lit = ~self.surfaces.blocked(a, found.direction, found.clear, found.turn, lit)
                 value = scale * found.metal * total
                 value /= 1.0 + survival * total * spot.others
                 for j in range(self.channels):

@@ -34,6 +34,7 @@ from render.cells.clear.pad_surfaces import (
     DIELECTRIC,
     DIFFUSE,
     LOWER_MET,
+    NO_TURN,
     PadSurfaces,
     step_off,
 )
@@ -75,12 +76,14 @@ class Spots:
 class SpotConnection:
     """A camera vertex connected to one image of a spot (a Dr.Jit PyTree).
 
-    ``direction`` leads to the image, which nothing may hide within ``clear`` mm, and ``metal`` is
-    what mirrors on the way leave of the light.
+    ``direction`` leads to the image, which nothing may hide within ``clear`` mm; ``turn`` is where
+    a bond reflects the line (`PadSurfaces.blocked`), and ``metal`` what mirrors on the way leave of
+    the light.
     """
 
     direction: mi.Vector3f
     clear: mi.Float
+    turn: mi.UInt32
     metal: mi.Float
 
 
@@ -241,7 +244,7 @@ class LampSpots:
         """
         image = mi.UInt32(0)
         going = mi.Bool(active)
-        none = SpotConnection(mi.Vector3f(0, 0, 1), mi.Float(0), mi.Float(0))
+        none = SpotConnection(mi.Vector3f(0, 0, 1), mi.Float(0), mi.UInt32(NO_TURN), mi.Float(0))
         drawn = OneNumberReservoir.drawing(none, number)
         while going:
             row = [dr.gather(mi.Float, self.rows, 10 * image + i) for i in range(10)]
@@ -271,7 +274,7 @@ class LampSpots:
             for times in range(self.deepest if i == 2 else CELL_MAX):
                 weight *= dr.select(row[6 + i] > times + 0.5, reflected, 1.0)
         clear = dr.sqrt(squared) - SLACK / arriving
-        return SpotConnection(direction, clear, row[9]), weight
+        return SpotConnection(direction, clear, mi.UInt32(NO_TURN), row[9]), weight
 
     def _over_bond(
         self, row: list[mi.Float], a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f,
@@ -308,7 +311,8 @@ class LampSpots:
         weight *= walls.chance * dr.select(lower, by_lower, 1.0)
         weight *= dr.select(by_bond, 1.0 - bond.passed(direction.z), 1.0)
         length = dr.select(lower, way.pad_length + way.plate_length, dr.sqrt(squared))
-        return SpotConnection(direction, length - SLACK / arriving, row[9]), weight
+        turn = dr.select(by_bond, mi.UInt32(0), NO_TURN)
+        return SpotConnection(direction, length - SLACK / arriving, turn, row[9]), weight
 
 
 def survival_of(reflectance: mi.Float) -> mi.Float:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.cells.clear.pad_surfaces import NO_TURN
 from render.cells.clear.unfolded_cells import (
     CELL_MAX,
     CODES,
@@ -90,13 +91,15 @@ class Joined:
 
     ``direction`` there, and the ``line`` with its end folded back into the pad; ``through`` is the
     part of the light that all faces let through or reflect and ``chance`` the probability with
-    which a path that follows the line gets through.
+    which a path that follows the line gets through; ``turn`` is where a bond reflects it
+    (`PadSurfaces.blocked`).
     """
 
     direction: mi.Vector3f
     line: LampLine
     through: mi.Float
     chance: mi.Float
+    turn: mi.UInt32
     valid: mi.Bool
 
 
@@ -345,7 +348,7 @@ class LampWays:
         # ------------------------- Back into the pad itself ------------------------------
         folded = sign * (leaves - shift)
         line = LampLine(mi.Point3f(folded), sign * beyond, before, inside_cos, outside_cos)
-        return Joined(direction, line, through, chance, valid)
+        return Joined(direction, line, through, chance, mi.UInt32(NO_TURN), valid)
 
     def leaving(
         self, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f, outside: mi.Vector3f,

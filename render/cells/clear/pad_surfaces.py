@@ -18,6 +18,8 @@ DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
 BOND_PASSED, LOWER_MET, BOND_MET, UNJOINED = 1, 3, 9, 1 << 16
 """What the bond and the lower face add to the counts along z where there is a bond: no two of the
 ways that are told apart have the same."""
+NO_TURN = 1 << 16
+"""The turn of lines that no bond reflects."""
 
 
 @dataclass
@@ -129,12 +131,17 @@ class PadSurfaces:
 
     @dr.syntax
     def blocked(
-        self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, active: mi.Bool
-    ) -> mi.Bool:
-        """Return whether skin is in the way of lines from ``a`` through the unfolded pad."""
+        self, a: mi.Point3f, direction: mi.Vector3f, length: mi.Float, turn: mi.UInt32,
+        active: mi.Bool,
+    ) -> mi.Bool:  # fmt: skip
+        """Return whether skin is in the way of lines from ``a`` through the unfolded pad.
+
+        They pass bonds, but for the one that they meet as number ``turn``, which reflects them.
+        """
         o, d, left = mi.Point3f(a), mi.Vector3f(direction), mi.Float(length)
         blocked = mi.Bool(False)
         going = mi.Bool(active)
+        bonds = mi.UInt32(0)
         while going:
             hit = self.hit(o, d, going)
             run = dr.norm(hit.p - o)
@@ -142,8 +149,8 @@ class PadSurfaces:
             blocked |= going & (hit.kind == DIFFUSE) & (run < left - 1e-3)
             left -= run
             going = going & ~blocked & (left > 1e-2)
-            # Through the bond in any case.
-            onward = self.inside(hit, d, mi.Float(0.0))
+            onward = self.inside(hit, d, dr.select(bonds == turn, mi.Float(1.0), 0.0))
+            bonds += dr.select(hit.kind == BOND, mi.UInt32(1), 0)
             o, d = onward.p, onward.d
         return blocked
 

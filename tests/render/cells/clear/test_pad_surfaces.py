@@ -14,6 +14,7 @@ from render.cells.clear.pad_surfaces import (
     DIELECTRIC,
     DIFFUSE,
     METAL,
+    NO_TURN,
     PadSurfaces,
 )
 from render.optics.pad_scene import pad_scene
@@ -88,6 +89,13 @@ def test_skin_hides_what_is_behind_it_and_a_bond_does_not(mono: ModuleType) -> N
     across = mono.Vector3f([4.5, 9.5], [4.0, 13.0], [0.0, 0.0])
     way = way_over_lower_face(bond, across, a.z + 4.4)
     length = way.pad_length + way.plate_length
-    assert not np.array(surfaces.blocked(a, way.direction, length - 0.01, mono.Bool(True))).any()
+    passes = mono.UInt32(NO_TURN), mono.Bool(True)
+    assert not np.array(surfaces.blocked(a, way.direction, length - 0.01, *passes)).any()
     # Behind it there is nothing to be seen.
-    assert np.array(surfaces.blocked(a, way.direction, length + 2.0, mono.Bool(True))).all()
+    assert np.array(surfaces.blocked(a, way.direction, length + 2.0, *passes)).all()
+    # Reflected by the bond light comes up to the skin on a shorter way.
+    turns = mono.UInt32(0), mono.Bool(True)
+    near = 2 * a.z / -way.direction.z
+    assert not np.array(surfaces.blocked(a, way.direction, near - 0.01, *turns)).any()
+    assert np.array(surfaces.blocked(a, way.direction, near + 1.0, *turns)).all()
+    assert not np.array(surfaces.blocked(a, way.direction, near + 1.0, *passes)).any()
