@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
 
 import drjit as dr
 import numpy as np
@@ -15,7 +14,7 @@ from render.cells.guiding import FacetGuiding, FiberGlow
 from render.optics.pad_scene import pad_scene
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
-from tests.render.cells.test_box_images import on_coating
+from tests.render.cells.test_box_images import half, on_coating, scattering
 
 A, Y = [1.0, 2.0, 4.5], [-6.0, -3.0, 4.5]
 CASES = ["window lit at its edges", "window of low index"]
@@ -44,16 +43,8 @@ def test_light_over_the_lower_face_is_what_snell_and_fresnel_say(
 ) -> None:
     scene = scene_of_case(case)
     images, pad = BondedImages(scene), pad_scene(scene, 0.0, False)
-    surface: Any = pad
-    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
-    count = 1 << 14
-    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
-    for v in (a, y):
-        v.bsdf = mono.BSDFPtr(bsdf)
-        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
-        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
-        v.beta = mono.Spectrum(1.0)
-        v.shape = mono.ShapePtr(next(s for s in surface.shapes() if s.id() == "coating"))
+    count, bsdf = 1 << 14, half(mono)
+    a, y = (scattering(mono, pad, bsdf, place, count) for place in (A, Y))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
     guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
     found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)

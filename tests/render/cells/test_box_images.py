@@ -22,6 +22,22 @@ def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
     return v
 
 
+def half(mono: ModuleType) -> Any:
+    """Return a BSDF of albedo 0.5, which pointers do not keep alive."""
+    return mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
+
+
+def scattering(mono: ModuleType, pad: Any, bsdf: Any, place: list[float], count: int) -> Vertex:
+    """Return vertices of the coating that scatter as ``bsdf`` does."""
+    v = on_coating(mono, place, count)
+    v.bsdf = mono.BSDFPtr(bsdf)
+    v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
+    v.wi = mono.Vector3f(0.0, 0.0, -1.0)
+    v.beta = mono.Spectrum(1.0)
+    v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
+    return v
+
+
 @pytest.fixture(scope="module")
 def images(mono: ModuleType) -> BoxImages:
     return BoxImages(scene_of_case("smooth"))
@@ -73,15 +89,8 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
 
     scene = scene_of_case("smooth")
     pad: Any = pad_scene(scene, 0.0, False)
-    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
-    count = 1 << 14
-    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
-    for v in (a, y):
-        v.bsdf = mono.BSDFPtr(bsdf)
-        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
-        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
-        v.beta = mono.Spectrum(1.0)
-        v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
+    count, bsdf = 1 << 14, half(mono)
+    a, y = (scattering(mono, pad, bsdf, place, count) for place in (A, Y))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
     guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
     found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
