@@ -22,7 +22,7 @@ def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
     return v
 
 
-def half(mono: ModuleType) -> Any:
+def half_white(mono: ModuleType) -> Any:
     """Return a BSDF of albedo 0.5, which pointers do not keep alive."""
     return mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
 
@@ -89,7 +89,7 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
 
     scene = scene_of_case("smooth")
     pad: Any = pad_scene(scene, 0.0, False)
-    count, bsdf = 1 << 14, half(mono)
+    count, bsdf = 1 << 14, half_white(mono)
     a, y = (scattering(mono, pad, bsdf, place, count) for place in (A, Y))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
     guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
