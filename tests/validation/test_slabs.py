@@ -144,7 +144,7 @@ def test_adding_doubling_itself_is_converged_in_its_angles_and_loses_nothing() -
 def test_the_walk_of_level_2_reflects_and_transmits_as_adding_doubling_says(
     mono: ModuleType, material: Material
 ) -> None:
-    count = 1 << 24 if LONG else 1 << 18
+    count = 1 << 25 if LONG else 1 << 18
     check(walked(mono, material, count, 1), adding_doubling(material), f"walk, {material}")
 
 
@@ -177,7 +177,7 @@ def test_analog_photons_are_reflected_and_transmitted_as_adding_doubling_says(
     )
     beam = Lamp(np.array([-1.0, 0.0, 0.0]), np.eye(3)[:, [1, 2, 0]], 0.01, np.radians(0.1))
     beam = beam._replace(frame=np.ascontiguousarray(beam.frame))
-    count = 1 << 24 if LONG else 1 << 17
+    count = 1 << 25 if LONG else 1 << 17
     batches = []
     for batch in range(BATCHES):
         _, ends = trace_photons(pad, beam, count // BATCHES, 100 + batch, 2)
