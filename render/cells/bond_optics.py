@@ -50,6 +50,11 @@ class WindowBond:
         """Return the index at a point of pad or window."""
         return dr.select(p.z < 0.0, self.plate, self.pad)
 
+    def plate_cos(self, pad_cos: mi.Float) -> mi.Float:
+        """Return the cosine in the window of light with that in the pad."""
+        along = (1.0 - dr.square(pad_cos)) / dr.square(self.ratio)
+        return dr.sqrt(dr.maximum(1.0 - along, 0.0))
+
     def passed(self, pad_cos: mi.Float) -> mi.Float:
         """Return what the bond lets through; the cosine is that in the pad."""
         return 1.0 - mi.fresnel(dr.abs(pad_cos), self.ratio)[0]

@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 STEPS = 14
-"""Steps of Newton's method: 99 % of directions are within 5 mrad then, in the mean far closer."""
+"""Steps of Newton's method: 99 % of crossings miss Snell's law by less than 1e-5 then."""
 LENGTHS = (1.0, 0.4, 0.1)
 """Of a step, tried in turn: a sum of lengths is nearly linear far from its minimum."""
 NEAR = 0.05**2
@@ -61,7 +61,7 @@ def shortest_way(
     """
     up = dr.select(rises, 1.0, -1.0)
     level = a.z + up * layer
-    first, second = tangents(inward)
+    first, second = mi.coordinate_system(inward)
     # The second layer lies behind the first, if there is one.
     least = dr.select(layer > SHORTEST, SHORTEST, -dr.inf)
     # Start: straight at the foot of the lamp.
@@ -103,7 +103,7 @@ def way_over_bond(
     """
     a = mi.Vector3f(seen)
     here = shortest_way(a, layer, layer_index, rises, foot, inward, lamp, index)
-    first, second = tangents(inward)
+    first, second = mi.coordinate_system(inward)
     # --------------------------- What the lamp's displacement does ----------------------------
     inverse, _, outside = _derivatives(a, here, lamp, layer_index, index, (first, second))
     u, before = _unit(here.bond - a)
@@ -112,9 +112,9 @@ def way_over_bond(
     # A lamp in the silicone lies in its face.
     t = dr.select(dr.squared_norm(t) > 0.5, t, -inward)
     axis, length = dr.select(from_layer, u, v), dr.select(from_layer, before, between)
-    e, f = tangents(axis)
+    e, f = mi.coordinate_system(axis)
     turned = []
-    for displaced in tangents(t):
+    for displaced in mi.coordinate_system(t):
         pull = displaced * outside
         moved = inverse @ mi.Vector4f(0.0, 0.0, dr.dot(pull, first), dr.dot(pull, second))
         of_bond = mi.Vector3f(moved[0], moved[1], 0.0)
@@ -180,9 +180,3 @@ def _derivatives(
                 row.append(both + curved(outside, t, i, j))
         rows.append(row)
     return dr.rcp(mi.Matrix4f(rows)), slope, outside
-
-
-def tangents(d: mi.Vector3f) -> tuple[mi.Vector3f, mi.Vector3f]:
-    """Return two unit vectors at right angles to ``d`` and to each other."""
-    frame = mi.Frame3f(mi.Normal3f(d))
-    return frame.s, frame.t

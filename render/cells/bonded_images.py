@@ -55,8 +55,7 @@ class BondedImages(BoxImages):
         """Return what a mirror reflects of light that has ``direction`` at the coating."""
         if axis < 2:
             return super()._reflected(axis, digit, direction)
-        along = (1.0 - dr.square(direction.z)) / dr.square(self.bond.ratio)
-        cosine = dr.sqrt(dr.maximum(1.0 - along, 0.0))
+        cosine = self.bond.plate_cos(direction.z)
         return self.reflectance(3 * axis + digit, cosine, self.bond.plate)
 
     def index_at(self, p: mi.Point3f) -> mi.Float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from render.cells.bond_optics import Tube, WindowBond, reflected_by_walls, tube_behind
 from render.cells.bonded_aim import shortest_way
-from render.cells.clear.lamp_ways import BEHIND, Joined, LampLine, LampWays, way_crossing
+from render.cells.clear.lamp_ways import BEHIND, Joined, LampLine, LampWays, face_way
 from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, LOWER_MET, NO_TURN
 from render.cells.clear.unfolded_cells import (
     CODES,
@@ -50,6 +50,11 @@ class _Level:
     def count(self) -> int:
         """What ``render.cells.clear.pad_surfaces`` counts."""
         return self.passed * BOND_PASSED + self.by_lower * LOWER_MET + self.by_bond * BOND_MET
+
+    @property
+    def turn(self) -> int:
+        """Where a bond reflects it, as of `PadSurfaces.blocked`: in the window behind the first."""
+        return int(self.in_window) if self.by_bond else NO_TURN
 
 
 LEVELS = (
@@ -135,8 +140,7 @@ class BondedWays(LampWays):
         begin, size = mi.Vector3f(row[6:9]), mi.Vector3f(row[9:12])
         axis, travel, plane, depth = row[12:16]
         number = mi.UInt32(depth)
-        over, by_bond = number == OVER_LOWER, number == BY_BOND
-        straight = (number == IN_PAD) | by_bond
+        over, straight = number == OVER_LOWER, (number == IN_PAD) | (number == BY_BOND)
         window = ~straight & ~over
         point = self.light.sample_position(lamp, pick, square)[0]
         image = sign * mi.Vector3f(point) + shift
@@ -153,11 +157,12 @@ class BondedWays(LampWays):
             plane * dr.abs(normal), -normal, image, index,
         )  # fmt: skip
         # In one medium there is a formula.
-        alone_face = way_crossing(begins, image, normal, inside, self.index)
+        depth_there = dr.maximum(inside, 1e-4)
+        lateral, across = face_way(image - begins, normal, depth_there, outside, self.index)
+        alone = lateral * across + depth_there * normal
         first, second = found.bond - begins, found.face - found.bond
         first_length, second_length = dr.norm(first), dr.maximum(dr.norm(second), 1e-6)
-        leaves = dr.select(straight, alone_face, found.face)
-        alone = alone_face - begins
+        leaves = dr.select(straight, begins + alone, found.face)
         alone_length = dr.norm(alone)
         onward = dr.select(straight, alone / alone_length, second / second_length)
         direction = dr.select(window, first / dr.maximum(first_length, 1e-6), onward)
@@ -196,14 +201,14 @@ class BondedWays(LampWays):
             ],
         )  # fmt: skip
         passed = bond.passed(pad_cos)
-        by_face = mi.Float(1.0)
-        for level in range(1, len(LEVELS)):
-            of = LEVELS[level]
-            both = passed**of.passed * (1.0 - passed) ** of.by_bond
-            by_face = dr.select(number == level, both, by_face)
-        through *= by_face
-        plate_cos = dr.sqrt(dr.maximum(1.0 - dr.square(aside / bond.ratio), 0.0))
-        by_lower = mi.fresnel(plate_cos, dr.rcp(bond.plate))[0]
+        at_bond, turn = mi.Float(1.0), mi.UInt32(NO_TURN)
+        for i in range(1, len(LEVELS)):
+            level = LEVELS[i]
+            both = passed**level.passed * (1.0 - passed) ** level.by_bond
+            at_bond = dr.select(number == i, both, at_bond)
+            turn = dr.select(number == i, level.turn, turn)
+        through *= at_bond
+        by_lower = mi.fresnel(bond.plate_cos(pad_cos), dr.rcp(bond.plate))[0]
         metal = dr.gather(mi.Float, self.metal_sides, mi.UInt32(LOWER_SIDE))
         once, followed = dr.select(metal < 0, by_lower, metal), dr.select(metal < 0, by_lower, 1.0)
         times = dr.gather(mi.Float, self.counts, 6 * at + LOWER_SIDE)
@@ -217,10 +222,6 @@ class BondedWays(LampWays):
             mi.Point3f(sign * (leaves - shift)), sign * beyond, pad_length + below, inside_cos,
             outside_cos, tube,
         )  # fmt: skip
-        turn = dr.select(by_bond, mi.UInt32(0), NO_TURN)
-        for level in range(len(LEVELS)):
-            if LEVELS[level].by_bond and LEVELS[level].in_window:
-                turn = dr.select(number == level, 1, turn)
         return Joined(direction, line, through, chance, turn, valid)
 
     def leaving(

@@ -27,17 +27,9 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.bond_optics import reflected_by_walls, way_over_lower_face
+from render.cells.clear.bonded_ways import BY_BOND, IN_PAD, LEVELS, OVER_LOWER
 from render.cells.clear.lamp_ways import BEHIND, LampWays
-from render.cells.clear.pad_surfaces import (
-    BOND_MET,
-    BOND_PASSED,
-    DIELECTRIC,
-    DIFFUSE,
-    LOWER_MET,
-    NO_TURN,
-    PadSurfaces,
-    step_off,
-)
+from render.cells.clear.pad_surfaces import DIELECTRIC, DIFFUSE, NO_TURN, PadSurfaces, step_off
 from render.cells.clear.unfolded_cells import CELL_MAX, box_image, side_of, wall_reflections
 from render.cells.fiber_light import FiberLight
 from render.sampling.reservoirs import OneNumberReservoir
@@ -229,8 +221,10 @@ class LampSpots:
         """Return whether a chain of reflections between diffuse vertices is one of the images."""
         inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX)
         if self.surfaces.bond is not None:
-            of_images = (counts.z == 0) | (counts.z == BOND_MET)
-            return inside & (of_images | (counts.z == 2 * BOND_PASSED + LOWER_MET))
+            of_images = mi.Bool(False)
+            for level in (IN_PAD, OVER_LOWER, BY_BOND):
+                of_images |= counts.z == LEVELS[level].count
+            return inside & of_images
         return inside & (counts.z <= self.deepest) & ((counts.z == 0) | (up.z == 0))
 
     @dr.syntax

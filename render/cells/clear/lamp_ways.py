@@ -310,11 +310,8 @@ class LampWays:
         inside = travel * (plane - dr.dot(mi.Vector3f(a), dr.abs(normal)))
         outside = height - inside
         valid = known & (inside > 0) & (outside > -BEHIND)
-        inside, outside = dr.maximum(inside, 1e-4), dr.maximum(outside, 1e-4)
-        across = span - height * normal
-        reach = dr.norm(across)
-        across = across / dr.maximum(reach, 1e-9)
-        lateral = _refracted(reach, inside, outside, self.index)
+        inside = dr.maximum(inside, 1e-4)
+        lateral, across = face_way(span, normal, inside, outside, self.index)
         before = dr.hypot(lateral, inside)
         direction = (lateral * across + inside * normal) / before
         leaves = mi.Vector3f(a) + before * direction
@@ -403,26 +400,17 @@ def wrapped(number: mi.Float) -> mi.Float:
     return number - dr.floor(number)
 
 
-def way_crossing(
-    a: mi.Vector3f, end: mi.Vector3f, normal: mi.Vector3f, inside: mi.Float, index: float
-) -> mi.Vector3f:
-    """Return where the line from ``a`` in the pad to ``end`` crosses a face ``inside`` mm away.
+def face_way(
+    span: mi.Vector3f, normal: mi.Vector3f, inside: mi.Float, outside: mi.Float, index: float
+) -> tuple[mi.Float, mi.Vector3f]:
+    """Return how far, and which way along a face, a line of Snell's law goes until it crosses it.
 
-    ``normal`` is the way that the line goes.
+    It goes by ``span`` in all, the way of ``normal``: ``inside`` and ``outside`` mm.
     """
-    span = end - a
-    height = dr.dot(span, normal)
-    inside, outside = dr.maximum(inside, 1e-4), dr.maximum(height - inside, 1e-4)
-    across = span - height * normal
+    across = span - dr.dot(span, normal) * normal
     reach = dr.norm(across)
-    lateral = _refracted(reach, inside, outside, index)
-    return a + lateral * across / dr.maximum(reach, 1e-9) + inside * normal
-
-
-def _refracted(reach: mi.Float, inside: mi.Float, outside: mi.Float, index: float) -> mi.Float:
-    """Return how far from the foot of the perpendicular a line of Snell's law crosses the face.
-
-    The distances (mm) of its ends from the face are ``inside`` and ``outside``, along it ``reach``.
-    """
+    across = across / dr.maximum(reach, 1e-9)
+    # Not beyond where total reflection begins.
     critical = inside * float(1.0 / np.sqrt(max(index**2 - 1.0, 1e-6)))
-    return face_crossing(reach, inside, outside, index, critical, NEWTON_STEPS)
+    outside = dr.maximum(outside, 1e-4)
+    return face_crossing(reach, inside, outside, index, critical, NEWTON_STEPS), across

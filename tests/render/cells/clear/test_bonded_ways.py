@@ -18,7 +18,7 @@ from tests.oracles.pads import scene_of_case
 
 COUNT, DIRECTIONS = 1 << 15, 1 << 18
 LEFT, TIP = 0, 1
-STRAIGHT, OVER_LOWER, IN_WINDOW, WINDOW_OVER_LOWER, BY_BOND, TWICE = range(6)
+STRAIGHT, OVER_LOWER, IN_WINDOW, WINDOW_OVER_LOWER, BY_BOND, TWICE, TWICE_AND_LOWER = range(7)
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,7 @@ STRAIGHT, OVER_LOWER, IN_WINDOW, WINDOW_OVER_LOWER, BY_BOND, TWICE = range(6)
         ("window lit at its edges", 0, 2, 4, LEFT, (0, 0), WINDOW_OVER_LOWER),
         ("window lit at its edges", 2, 2, 0, TIP, (1, 0), IN_WINDOW),
         ("window lit at its edges", 0, 2, 4, LEFT, (0, 0), TWICE),
+        ("window of low index", 0, 2, 4, LEFT, (0, 0), TWICE_AND_LOWER),
         ("window of low index", 2, 3, 1, TIP, (0, 0), IN_WINDOW),
         ("window", 0, 2, 4, LEFT, (0, 0), STRAIGHT),
         ("window", 0, 2, 4, LEFT, (0, 0), OVER_LOWER),
