@@ -10,13 +10,10 @@ import pytest
 from scipy.optimize import brentq
 
 from render.cells.bonded_images import BondedImages
-from render.cells.guiding import FacetGuiding, FiberGlow
-from render.optics.pad_scene import pad_scene
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
-from tests.render.cells.test_box_images import half_white, on_coating, scattering
+from tests.render.cells.test_box_images import A, Y, connected, on_coating
 
-A, Y = [1.0, 2.0, 4.5], [-6.0, -3.0, 4.5]
 CASES = ["window lit at its edges", "window of low index"]
 
 
@@ -42,13 +39,8 @@ def test_light_over_the_lower_face_is_what_snell_and_fresnel_say(
     mono: ModuleType, case: str
 ) -> None:
     scene = scene_of_case(case)
-    images, pad = BondedImages(scene), pad_scene(scene, 0.0, False)
-    count, bsdf = 1 << 14, half_white(mono)
-    a, y = (scattering(mono, pad, bsdf, place, count) for place in (A, Y))
-    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
-    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
-    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
-    values = np.array(found, dtype=np.float64).ravel()
+    count = 1 << 14
+    values = connected(mono, scene, BondedImages(scene), count)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
     total = 0.0
     for x in (Y[0], -2 * half[0] - Y[0], 2 * half[0] - Y[0]):

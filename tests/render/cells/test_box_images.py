@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from render.cells.box_images import BoxImages
+from render.cells.guiding import FacetGuiding, FiberGlow
+from render.optics.pad_scene import pad_scene
 from render.paths.vertex import Vertex, empty_vertex
+from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
 
@@ -22,20 +25,22 @@ def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
     return v
 
 
-def half_white(mono: ModuleType) -> Any:
-    """Return a BSDF of albedo 0.5, which pointers do not keep alive."""
-    return mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
-
-
-def scattering(mono: ModuleType, pad: Any, bsdf: Any, place: list[float], count: int) -> Vertex:
-    """Return vertices of the coating that scatter as ``bsdf`` does."""
-    v = on_coating(mono, place, count)
-    v.bsdf = mono.BSDFPtr(bsdf)
-    v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
-    v.wi = mono.Vector3f(0.0, 0.0, -1.0)
-    v.beta = mono.Spectrum(1.0)
-    v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
-    return v
+def connected(mono: ModuleType, scene: Scene, images: BoxImages, count: int) -> np.ndarray:
+    """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time."""
+    pad: Any = pad_scene(scene, 0.0, False)
+    # Pointers do not keep it alive.
+    bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    for v in (a, y):
+        v.bsdf = mono.BSDFPtr(bsdf)
+        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
+        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
+        v.beta = mono.Spectrum(1.0)
+        v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
+    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
+    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
+    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
+    return np.array(found, dtype=np.float64).ravel()
 
 
 @pytest.fixture(scope="module")
@@ -84,17 +89,8 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
 def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
     mono: ModuleType, images: BoxImages
 ) -> None:
-    from render.cells.guiding import FacetGuiding, FiberGlow
-    from render.optics.pad_scene import pad_scene
-
-    scene = scene_of_case("smooth")
-    pad: Any = pad_scene(scene, 0.0, False)
-    count, bsdf = 1 << 14, half_white(mono)
-    a, y = (scattering(mono, pad, bsdf, place, count) for place in (A, Y))
-    number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
-    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
-    found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
-    values = np.array(found, dtype=np.float64).ravel()
+    scene, count = scene_of_case("smooth"), 1 << 14
+    values = connected(mono, scene, images, count)
 
     def fresnel(cosine: float) -> float:
         squared = 1 - scene.pad.index**2 * (1 - cosine**2)
