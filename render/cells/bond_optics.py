@@ -40,17 +40,17 @@ class WindowBond:
     def __init__(self, scene: Scene) -> None:
         """Take them from the scene."""
         assert scene.window is not None
-        pad, plate = scene.pad.index, scene.window.index
-        self.plate_is_denser = plate > pad
-        self.pad, self.plate, self.ratio = mi.Float(pad), mi.Float(plate), mi.Float(plate / pad)
+        pad, window = scene.pad.index, scene.window.index
+        self.window_is_denser = window > pad
+        self.pad, self.window, self.ratio = mi.Float(pad), mi.Float(window), mi.Float(window / pad)
         self.thickness = mi.Float(scene.window.thickness)
-        dr.make_opaque(self.pad, self.plate, self.ratio, self.thickness)
+        dr.make_opaque(self.pad, self.window, self.ratio, self.thickness)
 
     def index_at(self, p: mi.Point3f) -> mi.Float:
         """Return the index at a point of pad or window."""
-        return dr.select(p.z < 0.0, self.plate, self.pad)
+        return dr.select(p.z < 0.0, self.window, self.pad)
 
-    def plate_cos(self, pad_cos: mi.Float) -> mi.Float:
+    def window_cos(self, pad_cos: mi.Float) -> mi.Float:
         """Return the cosine in the window of light with that in the pad."""
         along = (1.0 - dr.square(pad_cos)) / dr.square(self.ratio)
         return dr.sqrt(dr.maximum(1.0 - along, 0.0))
@@ -64,16 +64,16 @@ class WindowBond:
 class LayeredWay:
     """A way down through pad and window and up again (a Dr.Jit PyTree).
 
-    ``direction``, ``pad_cos`` and ``pad_length`` (mm) are in the pad, ``plate_cos`` and
-    ``plate_length`` in the window. ``spread`` is the area across the way per solid angle where it
+    ``direction``, ``pad_cos`` and ``pad_length`` (mm) are in the pad, ``window_cos`` and
+    ``window_length`` in the window. ``spread`` is the area across the way per solid angle where it
     begins (mm^2 / sr).
     """
 
     direction: mi.Vector3f
     pad_cos: mi.Float
-    plate_cos: mi.Float
+    window_cos: mi.Float
     pad_length: mi.Float
-    plate_length: mi.Float
+    window_length: mi.Float
     spread: mi.Float
 
 
@@ -82,27 +82,27 @@ def way_over_lower_face(bond: WindowBond, across: mi.Vector3f, pad: mi.Float) ->
 
     It crosses a height ``pad`` (mm) of silicone in all, and the window twice.
     """
-    ratio, plate_is_denser, plate = bond.ratio, bond.plate_is_denser, 2.0 * bond.thickness
+    ratio, window_is_denser, window = bond.ratio, bond.window_is_denser, 2.0 * bond.thickness
     reach = dr.maximum(dr.hypot(across.x, across.y), 1e-6)
     pad = dr.maximum(pad, THINNEST)
     # From the denser side total reflection says where the crossing is at most.
-    if plate_is_denser:
-        first, second, denser = plate, pad, ratio
+    if window_is_denser:
+        first, second, denser = window, pad, ratio
     else:
-        first, second, denser = pad, plate, dr.rcp(ratio)
+        first, second, denser = pad, window, dr.rcp(ratio)
     critical = first * dr.rsqrt(dr.maximum(dr.square(denser) - 1.0, 1e-6))
     lateral = face_crossing(reach, first, second, denser, critical, STEPS)
-    by_pad = reach - lateral if plate_is_denser else lateral
-    by_plate = reach - by_pad
-    pad_length, plate_length = dr.hypot(by_pad, pad), dr.hypot(by_plate, plate)
-    cos_1, cos_2 = pad / pad_length, plate / plate_length
+    by_pad = reach - lateral if window_is_denser else lateral
+    by_window = reach - by_pad
+    pad_length, window_length = dr.hypot(by_pad, pad), dr.hypot(by_window, window)
+    cos_1, cos_2 = pad / pad_length, window / window_length
     scale = by_pad / (reach * pad_length)
     # Lateral ways per angle in the pad, in the plane of incidence and across it.
-    aside = pad_length + plate_length / ratio
-    within = pad / dr.square(cos_1) + plate * cos_1 / (ratio * cos_2 * dr.square(cos_2))
+    aside = pad_length + window_length / ratio
+    within = pad / dr.square(cos_1) + window * cos_1 / (ratio * cos_2 * dr.square(cos_2))
     return LayeredWay(
         mi.Vector3f(across.x * scale, across.y * scale, -cos_1), cos_1, cos_2, pad_length,
-        plate_length, aside * cos_1 * within,
+        window_length, aside * cos_1 * within,
     )  # fmt: skip
 
 
@@ -125,8 +125,8 @@ class Tube:
 
 
 def tube_behind(
-    bond: WindowBond, d: mi.Vector3f, in_plate: mi.Bool, pad_length: mi.Float,
-    plate_length: mi.Float, outward: mi.Vector3f, outside: mi.Vector3f,
+    bond: WindowBond, d: mi.Vector3f, in_window: mi.Bool, pad_length: mi.Float,
+    window_length: mi.Float, outward: mi.Vector3f, outside: mi.Vector3f,
 ) -> Tube:  # fmt: skip
     """Return how light spreads that began in the pad and leaves along ``d``.
 
@@ -134,25 +134,25 @@ def tube_behind(
     behind which it goes ``outside``. Differentials of the ray, in the plane of incidence of the
     bond and across it, are carried to the face and through it (Igehy 1999).
     """
-    index = dr.select(in_plate, bond.plate, bond.pad)
+    index = dr.select(in_window, bond.window, bond.pad)
     slow = dr.hypot(d.x, d.y)
     toward_x = dr.select(slow > 1e-6, d.x / slow, 1.0)
     toward_y = dr.select(slow > 1e-6, d.y / slow, 0.0)
     cosine = dr.maximum(dr.abs(d.z), 1e-6)
     cos_1, cos_2 = (
         dr.sqrt(dr.maximum(1.0 - dr.square(slow * index / of), 1e-12))
-        for of in (bond.pad, bond.plate)
+        for of in (bond.pad, bond.window)
     )
     # Angles in the window per angle in the pad.
     bent, turned = cos_1 / (bond.ratio * cos_2), dr.rcp(bond.ratio)
-    moved_in = (pad_length / cos_1 + plate_length * bent / cos_2) * cosine
-    moved_across = pad_length + plate_length * turned
+    moved_in = (pad_length / cos_1 + window_length * bent / cos_2) * cosine
+    moved_across = pad_length + window_length * turned
     steeper = mi.Vector3f(toward_x * cosine, toward_y * cosine, -dr.mulsign(slow, d.z))
     aside = mi.Vector3f(-toward_y, toward_x, 0.0)
     differentials = []
     for moved, direction, angle in (
-        (moved_in, steeper, dr.select(in_plate, bent, 1.0)),
-        (moved_across, aside, dr.select(in_plate, turned, 1.0)),
+        (moved_in, steeper, dr.select(in_window, bent, 1.0)),
+        (moved_across, aside, dr.select(in_window, turned, 1.0)),
     ):
         at_face = moved * direction
         at_face -= d * (dr.dot(outward, at_face) / dr.dot(outward, d))
@@ -178,12 +178,12 @@ class WallReflections:
 
 def reflected_by_walls(
     bond: WindowBond, box: tuple[mi.Vector3f, mi.Vector3f], metal: mi.Float, a: mi.Vector3f,
-    direction: mi.Vector3f, in_plate: tuple[mi.Float, mi.Float], counts: list[mi.Float],
+    direction: mi.Vector3f, in_window: tuple[mi.Float, mi.Float], counts: list[mi.Float],
 ) -> WallReflections:  # fmt: skip
     """Return what walls reflect on a way from ``a`` in the pad along ``direction``.
 
     ``box`` are the lowest and highest corner (mm); ``metal`` is what sides reflect, -1 by Fresnel's
-    equations. The way is in the window between two distances ``in_plate`` along the bond (mm) and
+    equations. The way is in the window between two distances ``in_window`` along the bond (mm) and
     meets walls ``counts`` times across x and y, at most twice.
     """
     low, high = box
@@ -195,9 +195,9 @@ def reflected_by_walls(
         first = dr.select(up, high[axis] - a[axis], a[axis] - low[axis])
         for met in range(2):
             at = (first + met * (high[axis] - low[axis])) / share
-            below = (at > in_plate[0]) & (at < in_plate[1])
+            below = (at > in_window[0]) & (at < in_window[1])
             cosine = dr.abs(direction[axis]) * dr.select(below, dr.rcp(bond.ratio), 1.0)
-            index = dr.select(below, bond.plate, bond.pad)
+            index = dr.select(below, bond.window, bond.pad)
             upper = up if met == 0 else ~up
             of_metal = dr.gather(mi.Float, metal, 2 * axis + dr.select(upper, mi.UInt32(1), 0))
             by_fresnel = mi.fresnel(cosine, dr.rcp(index))[0]

@@ -55,8 +55,8 @@ class BondedImages(BoxImages):
         """Return what a mirror reflects of light that has ``direction`` at the coating."""
         if axis < 2:
             return super()._reflected(axis, digit, direction)
-        cosine = self.bond.plate_cos(direction.z)
-        return self.reflectance(3 * axis + digit, cosine, self.bond.plate)
+        cosine = self.bond.window_cos(direction.z)
+        return self.reflectance(3 * axis + digit, cosine, self.bond.window)
 
     def index_at(self, p: mi.Point3f) -> mi.Float:
         """Return the index on the inner side of a face at ``p``."""

@@ -94,11 +94,12 @@ class LampAim:
         self.slope = mi.Float(slope[poses.face].astype(np.float32))
         self.constants = mi.Float([slope[LOWER], scene.box.low[2]])
         # Where light enters through a window, Snell's law is that of its index.
-        plate = scene.pad.index if scene.window is None else scene.window.index
-        self.bonded = None if plate == scene.pad.index else (scene.pad.index, plate)
+        window_index = scene.pad.index if scene.window is None else scene.window.index
+        self.bonded = None if window_index == scene.pad.index else (scene.pad.index, window_index)
         self.main_ways = self.ways[:2]
         below_bond = (foot[:, 2] < 0.0) | from_below
-        self.index = mi.Float(np.where(below_bond, plate, scene.pad.index).astype(np.float32))
+        before = np.where(below_bond, window_index, scene.pad.index)
+        self.index = mi.Float(before.astype(np.float32))
         dr.make_opaque(
             self.frames, self.walls, self.radius, self.slope, self.constants, self.index,
             self.inside,
@@ -209,7 +210,7 @@ class LampAim:
     ) -> BondedWay:  # fmt: skip
         """Return the way from ``seen``, the unfolded ``a``, where a bond refracts."""
         assert self.bonded is not None
-        pad_index, plate = self.bonded
+        pad_index, window_index = self.bonded
         in_window, level = foot.z < 0.0, dr.gather(mi.Float, self.constants, mi.UInt32(1))
         # Before a lamp at the window lies the pad above, before others the window twice or not.
         layer = dr.select(in_window, a.z, dr.select(mirrored, -2.0 * level, THIN))
@@ -218,8 +219,8 @@ class LampAim:
             straight = dr.normalize(mi.Vector3f(seen) - lamp)
             inward = dr.select(dr.gather(mi.Bool, self.inside, fiber), straight, inward)
         return way_over_bond(
-            seen, layer, dr.select(in_window, pad_index, plate), rises, foot, inward, lamp,
-            dr.select(in_window, plate, pad_index), in_window,
+            seen, layer, dr.select(in_window, pad_index, window_index), rises, foot, inward, lamp,
+            dr.select(in_window, window_index, pad_index), in_window,
         )  # fmt: skip
 
     def _way_to(

@@ -73,14 +73,14 @@ def _through_window(scene: Scene, window: Window, origin: Array, directions: Arr
     # What lies along the faces is the same on both sides, times the index.
     along = directions[..., :2]
     squared = (along**2).sum(axis=-1, keepdims=True)
-    plate = np.concatenate([along, np.sqrt(window.index**2 - squared)], axis=-1) / window.index
-    entry = below + plate * (window.thickness / plate[..., 2:])
+    in_window = np.concatenate([along, np.sqrt(window.index**2 - squared)], axis=-1) / window.index
+    entry = below + in_window * (window.thickness / in_window[..., 2:])
     entry[..., 2] = 0.0
     inside = np.concatenate([along, np.sqrt(scene.pad.index**2 - squared)], axis=-1)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
-    on_plate = (np.abs(below[..., :2]) <= half).all(axis=-1)
+    on_window = (np.abs(below[..., :2]) <= half).all(axis=-1)
     on_pad = (np.abs(entry[..., :2]) <= half).all(axis=-1)
-    return PadRays(entry, inside / scene.pad.index, hit & on_plate & on_pad)
+    return PadRays(entry, inside / scene.pad.index, hit & on_window & on_pad)
 
 
 AIM_STEPS, AIM_TOLERANCE = 60, 1e-6

@@ -102,11 +102,11 @@ def pad_shapes(scene: Scene, bend: float, indented: bool, folder: Path) -> dict[
         behind = {"exterior": inside["interior"]} if inside and finish.paint else inside
         content[name] = {**_shape(mesh, path, outer_face(finish, scene.pad.index)), **behind}
     if scene.window is not None and meshes.window is not None:
-        window, plate = meshes.window, scene.window.index
+        window, window_index = meshes.window, scene.window.index
         for name, finish, mesh in _alike(scene, "window", window.outer, window.side):
-            content[name] = _shape(mesh, folder / f"{name}.ply", outer_face(finish, plate))
-        if plate != scene.pad.index:
-            smooth = {"type": "dielectric", "int_ior": scene.pad.index, "ext_ior": plate}
+            content[name] = _shape(mesh, folder / f"{name}.ply", outer_face(finish, window_index))
+        if window_index != scene.pad.index:
+            smooth = {"type": "dielectric", "int_ior": scene.pad.index, "ext_ior": window_index}
             content["bond"] = _shape(window.bond, folder / "bond.ply", smooth)
     if meshes.interface is not None and medium:
         path = folder / "interface.ply"

@@ -249,8 +249,8 @@ def _head_on(scene: Scene) -> float:
     pad, window = scene.pad.index, scene.window
     if window is None:
         return float(1 - fresnel(np.ones(1), pad)[0][0])
-    plate = window.index
-    return float(np.prod([1 - fresnel(np.ones(1), eta)[0] for eta in (plate, pad / plate)]))
+    indices = window.index, pad / window.index
+    return float(np.prod([1 - fresnel(np.ones(1), eta)[0] for eta in indices]))
 
 
 def _slopes() -> Array:

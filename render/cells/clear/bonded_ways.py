@@ -151,9 +151,9 @@ class BondedWays(LampWays):
         image += normal * dr.maximum(1e-4 - outside, 0.0)
         # --------------------------- The line ------------------------------------------------
         layer = dr.select(window, a.z, dr.select(over, 2.0 * bond.thickness, 0.0))
-        index = dr.select(window, bond.plate, bond.pad)
+        index = dr.select(window, bond.window, bond.pad)
         found = shortest_way(
-            begins, layer, dr.select(over, bond.plate, bond.pad), mi.Bool(False),
+            begins, layer, dr.select(over, bond.window, bond.pad), mi.Bool(False),
             plane * dr.abs(normal), -normal, image, index,
         )  # fmt: skip
         # In one medium there is a formula.
@@ -208,7 +208,7 @@ class BondedWays(LampWays):
             at_bond = dr.select(number == i, both, at_bond)
             turn = dr.select(number == i, level.turn, turn)
         through *= at_bond
-        by_lower = mi.fresnel(bond.plate_cos(pad_cos), dr.rcp(bond.plate))[0]
+        by_lower = mi.fresnel(bond.window_cos(pad_cos), dr.rcp(bond.window))[0]
         metal = dr.gather(mi.Float, self.metal_sides, mi.UInt32(LOWER_SIDE))
         once, followed = dr.select(metal < 0, by_lower, metal), dr.select(metal < 0, by_lower, 1.0)
         times = dr.gather(mi.Float, self.counts, 6 * at + LOWER_SIDE)

@@ -292,19 +292,18 @@ class LampSpots:
         aside = dr.hypot(direction.x, direction.y)
         down = a.z * aside / dr.maximum(way.pad_cos, 1e-6)
         sine = aside / bond.ratio
-        in_window = (
-            dr.select(lower, down, dr.inf), dr.select(lower, down + way.plate_length * sine, dr.inf)
-        )  # fmt: skip
+        up = down + way.window_length * sine
+        in_window = dr.select(lower, down, dr.inf), dr.select(lower, up, dr.inf)
         walls = reflected_by_walls(
             bond, self.ways.box, self.ways.metal_sides, mi.Vector3f(a), direction, in_window,
             row[6:8],
         )  # fmt: skip
         by_lower = dr.square(bond.passed(way.pad_cos))
-        reflected = mi.fresnel(way.plate_cos, dr.rcp(bond.plate))[0]
+        reflected = mi.fresnel(way.window_cos, dr.rcp(bond.window))[0]
         by_lower *= dr.select(row[8] > 0.5, reflected, 1.0)
         weight *= walls.chance * dr.select(lower, by_lower, 1.0)
         weight *= dr.select(by_bond, 1.0 - bond.passed(direction.z), 1.0)
-        length = dr.select(lower, way.pad_length + way.plate_length, dr.sqrt(squared))
+        length = dr.select(lower, way.pad_length + way.window_length, dr.sqrt(squared))
         turn = dr.select(by_bond, mi.UInt32(0), NO_TURN)
         return SpotConnection(direction, length - SLACK / arriving, turn, row[9]), weight
 

@@ -27,23 +27,23 @@ Path clear_path(vec3 lamp, vec3 target, int face) {
 }
 
 // The way through the bond: up from the window, or by way of its lower face (`mirrored`), where
-// light may have entered the `plate` or the pad above it. As `clear_path`.
+// light may have entered the window or the pad above it. As `clear_path`.
 //
 // With H the heights in the medium that is entered and in the other, q the momenta upwards there,
 // o the way to an edge in air and a the momentum along it, the ray lands at
 //     x = px (H1 / q1 + H2 / q2) + o (1 - px / a),  y = py (H1 / q1 + H2 / q2),
 // which is the gradient of a convex function (Fermat's principle): Newton's method finds px and py,
 // and the determinant of its matrix is the area that a beam spreads over.
-Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored) {
+Path bonded_path(vec3 lamp, vec3 target, int face, bool by_window, bool mirrored) {
     const Path nothing = Path(vec3(0.0, 0.0, 1.0), vec3(0.0, 0.0, -1.0), 0.0);
     bool lower = face == 4;
     int axis = face == 1 || face == 3 ? 1 : 0, side = 1 - axis;
     float way = face == 1 || face == 2 ? -1.0 : 1.0;
     float plane = way > 0.0 ? box_low[axis] : box_high[axis];
-    float n1 = plate ? window_index : refractive_index;
-    float n2 = plate ? refractive_index : window_index;
+    float n1 = by_window ? window_index : refractive_index;
+    float n2 = by_window ? refractive_index : window_index;
     float over = target.z - bond;
-    vec2 height = plate ? vec2(mirrored ? lamp.z + bond : bond - lamp.z, over)
+    vec2 height = by_window ? vec2(mirrored ? lamp.z + bond : bond - lamp.z, over)
         : vec2(lamp.z - bond + over, 2.0 * bond);
     float in_air = 0.0, outside = 0.0, least = 0.0, most = min(n1, n2);
     if (lower) {
@@ -99,11 +99,11 @@ Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored) {
         entry[side] += outside * p.y / a;
         entry.z += (mirrored ? -1.0 : 1.0) * outside * q.x / a;
         bool enters = all(greaterThanEqual(entry, box_low)) && all(lessThanEqual(entry, box_high));
-        if (!enters || (entry.z < bond) != plate) return nothing;
+        if (!enters || (entry.z < bond) != by_window) return nothing;
     }
-    float in_pad = plate ? q.y : q.x, in_window = plate ? q.x : q.y;
+    float in_pad = by_window ? q.y : q.x, in_window = by_window ? q.x : q.y;
     float passed = passes(q.x, q.y, n1, n2) * passes(lower ? q.z : a, lower ? q.x : p.x, 1.0, n1);
-    if (!plate) passed *= passes(q.x, q.y, n1, n2);
+    if (!by_window) passed *= passes(q.x, q.y, n1, n2);
     if (mirrored && dot(p, p) < 1.0) passed *= 1.0 - passes(in_window, q.z, window_index, 1.0);
     // Of the solid angle in air, dpx dpy / (momentum out of the plane of x and y).
     float spread = passed * (lower ? 1.0 / q.z : p.x / (q.x * a)) / determinant;
@@ -123,12 +123,12 @@ Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored) {
 // As `bonded_path`, with one component p of momentum along the faces; `spread` is per intensity in
 // what the lamp is in.
 Path embedded_path(vec3 lamp, vec3 target, bool mirrored) {
-    bool plate = lamp.z < bond;
-    if (!plate && !mirrored) return direct_path(lamp, target, vec2(0.0, 1.0));
-    float n1 = plate ? window_index : refractive_index;
-    float n2 = plate ? refractive_index : window_index;
+    bool by_window = lamp.z < bond;
+    if (!by_window && !mirrored) return direct_path(lamp, target, vec2(0.0, 1.0));
+    float n1 = by_window ? window_index : refractive_index;
+    float n2 = by_window ? refractive_index : window_index;
     float over = target.z - bond;
-    vec2 height = plate ? vec2(mirrored ? lamp.z + bond : bond - lamp.z, over)
+    vec2 height = by_window ? vec2(mirrored ? lamp.z + bond : bond - lamp.z, over)
         : vec2(lamp.z - bond + over, 2.0 * bond);
     vec2 to = target.xy - lamp.xy;
     float reach = length(to), most = min(n1, n2);
@@ -142,9 +142,9 @@ Path embedded_path(vec3 lamp, vec3 target, bool mirrored) {
         float next = p - (slope * p - reach) / stretch;
         p = next >= most ? 0.5 * (p + most) : max(next, 0.0);
     }
-    float in_pad = plate ? q.y : q.x, in_window = plate ? q.x : q.y;
+    float in_pad = by_window ? q.y : q.x, in_window = by_window ? q.x : q.y;
     float passed = passes(q.x, q.y, n1, n2);
-    if (!plate) passed *= passed;
+    if (!by_window) passed *= passed;
     if (mirrored && p < 1.0) passed *= 1.0 - passes(in_window, sqrt(1.0 - p * p), window_index, 1.0);
     float spread = passed / (n1 * q.x * slope * stretch);
     vec2 way = to / max(reach, 1e-9);

@@ -79,7 +79,7 @@ float meets_edges(vec3 source, vec3 target, ivec2 turns, vec3 low, vec3 high) {
 
 #ifdef BONDED
 Path clear_path(vec3 lamp, vec3 target, int face);
-Path bonded_path(vec3 lamp, vec3 target, int face, bool plate, bool mirrored);
+Path bonded_path(vec3 lamp, vec3 target, int face, bool by_window, bool mirrored);
 #ifdef EMBEDDED
 Path embedded_path(vec3 lamp, vec3 target, bool mirrored);
 #endif
@@ -324,12 +324,12 @@ Light irradiance(vec3 position, vec3 normal, int first, int list) {
         }
 #endif
 #ifdef BONDED
-        bool plate = mark >= 4096 || face == 4;
+        bool by_window = mark >= 4096 || face == 4;
         Path direct, mirrored;
-        if (plate) direct = bonded_path(light.xyz, target, face, true, false);
+        if (by_window) direct = bonded_path(light.xyz, target, face, true, false);
         else direct = clear_path(light.xyz, target, face);
         if (face == 4) mirrored = Path(direct.depart, direct.arrive, 0.0);
-        else mirrored = bonded_path(light.xyz, target, face, plate, true);
+        else mirrored = bonded_path(light.xyz, target, face, by_window, true);
 #ifdef EMBEDDED
         if (embedded) {
             direct = embedded_path(light.xyz, target, false);

@@ -55,30 +55,30 @@ def test_light_over_the_lower_face_is_what_snell_and_fresnel_say(
 def carried(scene: Scene, across: np.ndarray, half: np.ndarray) -> float:
     """Return the light between two points of diffuse skin, ``across`` (mm) in the unfolded pad."""
     assert scene.window is not None
-    pad, plate = scene.pad.index, scene.window.index
+    pad, window = scene.pad.index, scene.window.index
     up, down = 2 * A[2], 2 * scene.window.thickness
     reach = float(np.hypot(*across))
 
     def lateral(angle: float) -> float:
-        sine = pad * np.sin(angle) / plate
+        sine = pad * np.sin(angle) / window
         return float(up * np.tan(angle) + down * sine / np.sqrt(1 - sine**2))
 
-    last = np.arcsin(min(1.0, plate / pad))
+    last = np.arcsin(min(1.0, window / pad))
     angle = brentq(lambda t: lateral(t) - reach, 0.0, last - 1e-9, xtol=1e-14)
     step = 1e-6
     slope = (lateral(angle + step) - lateral(angle - step)) / (2 * step)
     spread = reach * slope * np.cos(angle) / np.sin(angle)
-    within = np.arcsin(pad * np.sin(angle) / plate)
-    light = (1 - fresnel(np.cos(angle), pad / plate)) ** 2 * fresnel(np.cos(within), plate)
+    within = np.arcsin(pad * np.sin(angle) / window)
+    light = (1 - fresnel(np.cos(angle), pad / window)) ** 2 * fresnel(np.cos(within), window)
     # Walls reflect in the medium in which they are met.
     crossed = (0.5 * up * np.tan(angle), 0.5 * up * np.tan(angle) + down * np.tan(within))
     for axis in (0, 1):
         wall = np.sign(across[axis]) * half[axis] - A[axis]
         if abs(across[axis]) > abs(wall):
             part = across[axis] / reach
-            in_plate = crossed[0] < wall / part < crossed[1]
-            sine = np.sin(within if in_plate else angle)
-            light *= fresnel(abs(part * sine), plate if in_plate else pad)
+            in_window = crossed[0] < wall / part < crossed[1]
+            sine = np.sin(within if in_window else angle)
+            light *= fresnel(abs(part * sine), window if in_window else pad)
     return float((0.5 / np.pi) ** 2 * np.cos(angle) ** 2 * light / spread)
 
 
@@ -97,7 +97,7 @@ def fresnel(cosine: float, index: float) -> float:
 def test_ways_are_exact_near_the_bond_and_far_along_it(mono: ModuleType, case: str) -> None:
     scene, count = scene_of_case(case), 400
     assert scene.window is not None
-    pad, plate, down = scene.pad.index, scene.window.index, 2 * scene.window.thickness
+    pad, window, down = scene.pad.index, scene.window.index, 2 * scene.window.thickness
     images, rng = BondedImages(scene), np.random.default_rng(5)
     a, p = (
         np.column_stack([rng.uniform(-10, 10, (count, 2)), rng.choice([0.03, 1.0, 4.5], count)])
@@ -111,14 +111,14 @@ def test_ways_are_exact_near_the_bond_and_far_along_it(mono: ModuleType, case: s
         reach, up = np.hypot(*(p - a)[i, :2]), a[i, 2] + p[i, 2]
 
         def beyond(s: float, up: float = up, reach: float = reach) -> float:
-            within = pad * s / plate
+            within = pad * s / window
             lateral = up * s / np.sqrt(1 - s**2) + down * within / np.sqrt(1 - within**2)
             return float(lateral - reach)
 
-        last = min(1.0, plate / pad) * (1 - 1e-13)
+        last = min(1.0, window / pad) * (1 - 1e-13)
         s = brentq(beyond, 0.0, last, xtol=1e-16)
         assert sine[i] == pytest.approx(s, abs=1e-5)
-        cosine, within = np.sqrt(1 - s**2), np.sqrt(1 - (pad * s / plate) ** 2)
-        across = up / cosine + down * pad / plate / within
-        slope = up / cosine**2 + down * pad * cosine / (plate * within**3)
+        cosine, within = np.sqrt(1 - s**2), np.sqrt(1 - (pad * s / window) ** 2)
+        across = up / cosine + down * pad / window / within
+        slope = up / cosine**2 + down * pad * cosine / (window * within**3)
         assert float(np.array(spread)[i]) == pytest.approx(across * cosine * slope, rel=1e-4)

@@ -103,7 +103,7 @@ def test_directions_are_bent_at_the_bond_of_a_window(
             drawn = aim.sample_way(mono.UInt32([number]), lanes(mono, a, 1), way, zero, zero)
             d = np.array(drawn, dtype=np.float64)[:, 0]
             arrived = beyond_the_wall(scene, a, d, lamp, poses.foot[number])
-            # What would be mirrored beyond the wall is aimed at the lamp's image below the plate.
+            # What would be mirrored beyond the wall is aimed at the lamp's image below the window.
             image = lamp * [1.0, 1.0, -1.0] - [0.0, 0.0, 6.0]
             ends = [lamp, image] if mirrored else [lamp]
             off.append(min(np.linalg.norm(arrived - end) for end in ends))

@@ -92,7 +92,7 @@ def followed(
     """
     assert scene.window is not None
     low, high = scene.box.low, scene.box.high
-    pad, plate = scene.pad.index, scene.window.index
+    pad, window = scene.pad.index, scene.window.index
     of, count = LEVELS[level], len(d)
     p, d, through = np.tile(a, (count, 1)), d.copy(), np.ones(count)
     below, going = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
@@ -109,7 +109,7 @@ def followed(
             way = np.where(d != 0, (planes - p) / d, np.inf)
         axis = way.argmin(axis=1)
         p = p + np.where(going, way.min(axis=1), 0.0)[:, None] * d
-        index, cosine = np.where(below, plate, pad), np.abs(d[every, axis])
+        index, cosine = np.where(below, window, pad), np.abs(d[every, axis])
         reflected = fresnel(cosine, 1.0 / index)
         # Walls.
         wall = going & (axis < 2)
@@ -129,7 +129,7 @@ def followed(
         through[skin] = 0.0
         # The bond: reflected as often as asked, on the side of the last medium.
         bond = going & (axis == 2) & (below != down)
-        share = fresnel(cosine, np.where(below, pad / plate, plate / pad))
+        share = fresnel(cosine, np.where(below, pad / window, window / pad))
         turns = bond & (by_bond < of.by_bond) & (below == of.in_window)
         by_bond[turns] += 1
         through[turns] *= share[turns]
@@ -137,7 +137,7 @@ def followed(
         crosses = bond & ~turns
         passed[crosses] += 1
         through[crosses] *= (1 - share)[crosses]
-        scale = np.where(below, plate / pad, pad / plate)
+        scale = np.where(below, window / pad, pad / window)
         d[crosses, :2] *= scale[crosses, None]
         rise = np.sqrt(np.maximum(1 - (d[:, :2] ** 2).sum(axis=1), 0.0))
         d[crosses, 2] = (np.sign(d[:, 2]) * rise)[crosses]

@@ -88,7 +88,7 @@ def test_skin_hides_what_is_behind_it_and_a_bond_does_not(mono: ModuleType) -> N
     # Over the lower face to untouched skin between the pyramids.
     across = mono.Vector3f([4.5, 9.5], [4.0, 13.0], [0.0, 0.0])
     way = way_over_lower_face(bond, across, a.z + 4.4)
-    length = way.pad_length + way.plate_length
+    length = way.pad_length + way.window_length
     passes = mono.UInt32(NO_TURN), mono.Bool(True)
     assert not np.array(surfaces.blocked(a, way.direction, length - 0.01, *passes)).any()
     # Behind it there is nothing to be seen.
