@@ -43,6 +43,7 @@ class MetricConfig:
 
 THESIS = MetricConfig()
 MIN_HUE = 1e-9
+DARK_COUNTS = 1.0
 """Mean M_phi of a baseline; what is below is the rounding of lights that have one hue."""
 LEAST_RADIANCE = 1e-12
 """Radiance of the skin, 1/(mm^2 sr) per unit power, below which a design is dark: of all light that
@@ -212,9 +213,16 @@ def choose_lambda(counts: np.ndarray, config: MetricConfig = THESIS) -> float:
     """
     intensity, hue = (float(term.mean()) for term in metric_terms(counts, config))
     if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > MIN_HUE):
+        dark = float(np.mean(counts.max(axis=-1) < DARK_COUNTS))
+        advice = "choose a baseline whose sides have different colors"
+        if dark > 0.5:
+            advice = (
+                f"{dark:.0%} of its facets have less than {DARK_COUNTS:g} count: widen the beams "
+                "of the lamps, or aim them at the sites (tactilux describe says which hardly do)"
+            )
         raise TableError(
             f"the baseline design has mean M_theta = {intensity:g} and M_phi = {hue:g}, allowed: "
-            "both above 0; choose a baseline whose sides have different colors",
+            f"both above 0; {advice}",
             field="lam",
         )
     return intensity / hue

@@ -61,11 +61,11 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
         TableError: the baseline is dark, or one color lights everything.
     """
     if scene.window_refracts:
-        from render.preview.converged import NODES, few_paths_transport
+        from render.preview.converged import few_paths_transport, phi_nodes
 
         # The middle one of the nodes is straight ahead.
-        middle = slice(len(NODES) // 2, len(NODES) // 2 + 1)
-        transport = few_paths_transport(scene).cells[:, middle, ..., :-1]
+        middle = len(phi_nodes(scene)) // 2
+        transport = few_paths_transport(scene).cells[:, middle : middle + 1, ..., :-1]
     else:
         from render.preview import Preview
 

@@ -24,6 +24,7 @@ from render.preview.converged import (
     ConvergedTransport,
     converged_transport,
     few_paths_transport,
+    phi_nodes,
 )
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
@@ -127,6 +128,11 @@ def _followed(
     return Checker(session, _about(scene, followed, scale, errors, half_width))
 
 
+def preview_nodes(scene: Scene) -> tuple[int, int]:
+    """Return the grid's nodes in direction and bend: narrow beams have more directions."""
+    return max(PHI_NODES, len(phi_nodes(scene))), BEND_NODES
+
+
 def preview_half_width(
     scene: Scene, scale: ScoreScale, drawn: PreviewGrid, followed: PreviewGrid | None = None
 ) -> float:
@@ -206,14 +212,15 @@ class PreviewSession:
 
 def _drawn(scene: Scene, progress: OnProgress | None) -> tuple[PreviewGrid, ScoreScale]:
     """Return grid and scale, from the cache or drawn now."""
-    about = f"{VERSION} {scene.hash} {PHI_NODES} {BEND_NODES}"
+    nodes = preview_nodes(scene)
+    about = f"{VERSION} {scene.hash} {nodes[0]} {nodes[1]}"
     key = hashlib.sha256(about.encode()).hexdigest()[:16]
     file = cache_folder() / f"preview-{key}.npz"
     kept = read_or_drop(file, *CACHED)
     if kept is not None:
         log, phi, bends, rest = (kept[name] for name in CACHED)
         return PreviewGrid(log, phi, bends, int(rest[0])), ScoreScale(*map(float, rest[1:]))
-    grid = draw_grid(scene, PHI_NODES, BEND_NODES, progress)
+    grid = draw_grid(scene, *nodes, progress)
     scale = scene_scale(scene)
     rest = np.array([grid.floored, scale.exposure, scale.lam])
     arrays = (grid.log_transport, grid.phi, grid.bends, rest)

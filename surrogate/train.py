@@ -33,7 +33,7 @@ from surrogate.model.preview_grid import (
     interpolation_error,
     is_one_node,
 )
-from surrogate.preview_model import BEND_NODES, PHI_NODES, preview_half_width
+from surrogate.preview_model import preview_half_width, preview_nodes
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
 from surrogate.training.finished_parts import FinishedParts
@@ -245,7 +245,7 @@ def _preview(
         narrow = error.median > MAX_INTERPOLATION_ERROR and any(scene.turning)
         if narrow and config.preview_nodes is None and drawn.free is None:
             # As many as a preview that stands alone.
-            drawn = draw_grid(scene, PHI_NODES, BEND_NODES, told)
+            drawn = draw_grid(scene, *preview_nodes(scene), told)
             error = interpolation_error(scene, drawn)
         preview = TrainingPreview(drawn, error, left_out)
         # Under a window the shader lacks up to a third of the light.

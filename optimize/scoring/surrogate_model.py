@@ -137,8 +137,12 @@ def first_model(scene: Scene) -> Checker:
 
 
 def search_table(checker: Checker) -> TransportTable:
-    """Return the surrogate's transport at the direction nodes that searches interpolate between."""
-    return checker.transport_table(chebyshev_nodes(PHI_NODES, 0.0, np.pi))
+    """Return the surrogate's transport at the direction nodes that searches interpolate between.
+
+    Where beams are narrow, those are as many as its own.
+    """
+    nodes = max(PHI_NODES, checker.metadata.preview["phi_nodes"])
+    return checker.transport_table(chebyshev_nodes(nodes, 0.0, np.pi))
 
 
 def is_prompt(scene: Scene, given: Path | None = None) -> bool:

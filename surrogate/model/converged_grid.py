@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import wrightomega
 
 from render.arrays import Array
-from render.chebyshev import interpolation_weights
-from render.preview.converged import NODES, ConvergedTransport
+from render.chebyshev import chebyshev_nodes, interpolation_weights
+from render.preview.converged import ConvergedTransport
 from render.scene import Scene
 from surrogate.model.lamp_copies import split_channels
 from surrogate.model.preview_grid import FLOOR, PreviewGrid
@@ -25,7 +25,7 @@ bend; of that of one of its sites, once the lamp's is right; of that of a cell, 
 def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> PreviewGrid:
     """Return the shader's grid times the ratio of converged transport to it.
 
-    At `NODES` and the scene's own bends, the light of a lamp, then of each of its sites, then of
+    At its nodes and the scene's own bends, the light of a lamp, then of each of its sites, then of
     each cell is the `likely_ratio` of what was found to what is expected: the shader's light times
     the ratios before, with `LAMP_ERROR`, `SITE_ERROR` and `CELL_ERROR`. The ratio of a cell is the
     product of the three; where light has no grain it is what was found over the shader's. Its
@@ -33,7 +33,8 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
     degree `BEND_DEGREE` at most, constant beyond the scene's own; each state has its own.
     """
     own = np.array(scene.state_axis)
-    drawn = np.exp(grid.evaluate(NODES, own))
+    nodes = chebyshev_nodes(found.cells.shape[1], 0.0, np.pi)
+    drawn = np.exp(grid.evaluate(nodes, own))
     grain = split_channels(scene, found.grain)[..., None, None]
     light = split_channels(scene, found.cells)
     # Facets of a site share photons: a lamp's light is known as well as that of its sites.
@@ -47,7 +48,7 @@ def corrected(grid: PreviewGrid, scene: Scene, found: ConvergedTransport) -> Pre
         expected = (drawn * cells).sum(axis=axes, keepdims=True)
         cells = cells * likely_ratio(light.sum(axis=axes, keepdims=True), expected, noise, error)
     ratio = np.log(np.maximum(cells, FLOOR))
-    in_phi = interpolation_weights(NODES, grid.phi)
+    in_phi = interpolation_weights(nodes, grid.phi)
     if scene.states is None:
         degree = min(len(set(own)) - 1, BEND_DEGREE)
         at_own, at_nodes = (

@@ -218,3 +218,7 @@ def test_lambda_gives_both_terms_the_same_weight() -> None:
     assert intensity.mean() == pytest.approx(lam * hue.mean())
     with pytest.raises(TableError, match="different colors"):
         choose_lambda(np.ones((1, 1, 6, 3)))
+    dim = np.zeros((1, 1, 6, 3))
+    dim[0, 0, 0] = 230.0, 0.0, 0.0
+    with pytest.raises(TableError, match="83% of its facets have less than 1 count: widen the"):
+        choose_lambda(dim)

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
 from render.preview import Preview
-from render.preview.converged import NODES, ConvergedTransport
+from render.preview.converged import ConvergedTransport
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.model.converged_grid import corrected
@@ -33,6 +34,7 @@ from surrogate.training.refit import NewRenders
 from tests.colored_skins import skin_of, still
 
 FLAT = np.array([0.0])
+NODES = chebyshev_nodes(13, 0.0, np.pi)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,16 @@ from render.chebyshev import chebyshev_nodes
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
 from render.preview.converged import (
-    NODES,
     ConvergedTransport,
     Effort,
     cache,
     few_paths_transport,
     is_kept,
+    phi_nodes,
     task_count,
+    transport_at,
 )
-from render.progress import Progress
+from render.progress import Clock, Progress
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.checker_module import CheckerModule
@@ -43,7 +45,10 @@ from surrogate.preview_model import (
 from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
 from tests.oracles.pads import content_of_case
+from tests.oracles.random_scenes import random_content
 from tests.surrogate.conftest import small_scene
+
+NODES = chebyshev_nodes(13, 0.0, np.pi)
 
 
 @pytest.fixture(scope="module")
@@ -194,6 +199,34 @@ def test_a_lamp_s_light_is_known_where_its_cells_are_lost_in_noise(sensor: Scene
     # The shader says 1, the truth is 0.5: single cells are 0.5 +- 0.7, a lamp's sum 0.50 +- 0.05.
     assert light.mean() == pytest.approx(0.5, abs=0.05)
     assert light.std() < 0.3
+
+
+@pytest.mark.slow
+def test_narrow_beams_are_as_bright_between_the_nodes_as_light_that_is_followed_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With 13 nodes the lamps of such a pad had twice their light."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    effort = Effort(paths=512, arrivals=5_000_000, rounds=1)
+    monkeypatch.setattr(cache, "FEW_PATHS", effort)
+    content: Any = random_content(13)
+    content["fibers"]["sigma_v"]["value"] = 3.0
+    scene = Scene.model_validate(content)
+    nodes = phi_nodes(scene)
+    assert len(nodes) > 33
+    between = 0.5 * (nodes[1:] + nodes[:-1])[2:-2:3]
+    checker = few_paths_checker(scene)
+    assert checker.metadata.preview["phi_nodes"] == len(nodes)
+    lamps, dim = scene.lamp_count, 1e-3
+    said = [
+        checker.run(np.full((1, lamps), phi), np.full((1, lamps, 3), dim), np.zeros(1))["counts"]
+        for phi in between
+    ]
+    seen = np.array(said)[:, 0, 0, ..., 0].sum(axis=-1) / (dim * checker.exposure)
+    light = transport_at(scene, 0.0, between, effort, Clock(1, None)).cells[..., :-1]
+    followed = light.sum(axis=(0, -1))
+    np.testing.assert_allclose(seen.sum(axis=1), followed.sum(axis=1), rtol=0.15)
+    assert seen.sum() == pytest.approx(followed.sum(), rel=0.03)
 
 
 @pytest.mark.slow

@@ -13,7 +13,13 @@ import math
 import numpy as np
 import pytest
 
-from render.preview.converged import NODES, ConvergedTransport, Effort, task_count, transport_at
+from render.preview.converged import (
+    ConvergedTransport,
+    Effort,
+    phi_nodes,
+    task_count,
+    transport_at,
+)
 from render.preview.converged.color_noise import Halved, color_noise
 from render.progress import Clock
 from render.scene import Scene
@@ -28,7 +34,9 @@ def few_photons(arrivals: int) -> Effort:
 
 
 def two_runs(scene: Scene, bend: float, effort: Effort) -> list[ConvergedTransport]:
-    return [transport_at(scene, bend, NODES, effort, Clock(1, None), seed) for seed in (0, 1)]
+    return [
+        transport_at(scene, bend, phi_nodes(scene), effort, Clock(1, None), seed) for seed in (0, 1)
+    ]
 
 
 def by_seeds(runs: list[ConvergedTransport]) -> float:
@@ -64,7 +72,7 @@ def main() -> None:
                 continue
             effort = Effort()
             clock = Clock(task_count(scene, effort), None)
-            found = transport_at(scene, bend, NODES, effort, clock)
+            found = transport_at(scene, bend, phi_nodes(scene), effort, clock)
             more = clock.total / task_count(scene, effort)
             print(name, f"said {float(found.noise):.2%}; {more:.2f} times the work", flush=True)
 

@@ -5,10 +5,10 @@ is followed by compiled paths until it is absorbed; tens of seconds instead of o
 """
 
 from render.preview.converged.cache import (
-    NODES,
     converged_transport,
     few_paths_transport,
     is_kept,
+    phi_nodes,
     refinements,
 )
 from render.preview.converged.transport import ConvergedTransport, Effort, task_count, transport_at

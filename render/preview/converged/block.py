@@ -143,24 +143,32 @@ def wide_from(scene: Scene) -> int:
     return math.ceil(1.0 / (1.0 - abs(layer.g)))
 
 
+def beam_cones(scene: Scene) -> Array:
+    """Return the angle (rad) from its axis at which the light of each lamp ends, ``(lamp,)``.
+
+    A Gaussian profile has its ``sigma_v`` there; straight, before it is refracted.
+    """
+    angle = np.linspace(0.0, np.pi / 2, 901)[:-1]
+    cones = []
+    for lamp in scene.placed_lamps():
+        intensity = lamp.profile.radiance(angle) * np.cos(angle)
+        cones.append(angle[intensity > np.exp(-0.25) * intensity.max()].max())
+    return np.array(cones)
+
+
 @lru_cache(maxsize=64)
 def beam_widths(scene: Scene) -> Array:
     """Return how wide (mm) the light of each lamp is where it first gets to a site, ``(lamp,)``.
 
-    That is the radius of its end and, in quadrature, that of its cone, to where a Gaussian profile
-    has its ``sigma_v``; straight, on the flat pad.
+    That is the radius of its end and, in quadrature, that of its cone (`beam_cones`); straight, on
+    the flat pad.
     """
-    angle = np.linspace(0.0, np.pi / 2, 901)[:-1]
-    sites = facets(scene, scene.bending.angles[0]).site_position
-    widths = []
-    for lamp, place in zip(
-        scene.placed_lamps(), fiber_poses(scene, scene.bending.angles[0]).position, strict=True
-    ):
-        intensity = lamp.profile.radiance(angle) * np.cos(angle)
-        cone = angle[intensity > np.exp(-0.25) * intensity.max()].max()
-        way = np.linalg.norm(sites - place, axis=-1).min()
-        widths.append(np.hypot(0.5 * lamp.diameter, cone * way))
-    return np.array(widths)
+    bend = scene.bending.angles[0]
+    away = facets(scene, bend).site_position - fiber_poses(scene, bend).position[:, None]
+    radius = np.array([0.5 * lamp.diameter for lamp in scene.placed_lamps()])
+    return np.asarray(
+        np.hypot(radius, beam_cones(scene) * np.linalg.norm(away, axis=-1).min(axis=1))
+    )
 
 
 def on_pad(scene: Scene, uv: Array) -> Array:

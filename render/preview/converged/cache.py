@@ -11,11 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_or_drop, write_npz
+from render.geometry import flat_fiber_poses
+from render.preview.converged.block import beam_cones
 from render.preview.converged.transport import (
     ConvergedTransport,
     Effort,
+    flies,
     task_count,
     transport_at,
 )
@@ -27,11 +31,29 @@ VERSION = 7
 """Part of the cache key: raise it when the paths change."""
 PHI_NODES = 13
 """Directions: log transport of `finger20` between them is off by less than 0.1 % (99 %)."""
-NODES = chebyshev_nodes(PHI_NODES, 0.0, np.pi)
+SPACING = 1.25
+"""Between directions at most, in widths of the narrowest beam (`beam_cones`)."""
+MOST_NODES = 129
+"""Directions of the narrowest beams, below some 2 deg: their preview errs by more."""
 EFFORT = Effort()
 """What is kept, and looked for."""
 FEW_PATHS = Effort(photons=25_000, paths=4096, arrivals=6_000_000, rounds=1)
 """Paths of `few_paths_transport`."""
+
+
+def phi_nodes(scene: Scene) -> Array:
+    """Return directions of the lamps, rad in [0, pi]; the middle one is straight ahead.
+
+    At least `PHI_NODES`, and so many that the narrowest beam that turns passes none by; light that
+    leaves a milky layer is wide.
+    """
+    turning = flies(scene) & flat_fiber_poses(scene).turns
+    narrowest = beam_cones(scene)[turning].min(initial=np.pi)
+    # Chebyshev points are this far apart in the middle, times the number of gaps.
+    with np.errstate(divide="ignore"):
+        gaps = np.ceil(0.5 * np.pi**2 / (SPACING * narrowest))
+    count = int(np.clip(gaps + 1, PHI_NODES, MOST_NODES))
+    return chebyshev_nodes(count + 1 - count % 2, 0.0, np.pi)
 
 
 def converged_transport(
@@ -40,7 +62,7 @@ def converged_transport(
     *,
     effort: Effort | None = None,
 ) -> ConvergedTransport:
-    """Return transport at `NODES` and the scene's own bends or states, which are one more axis.
+    """Return transport at `phi_nodes` and the scene's own bends or states, which are one more axis.
 
     ``cells`` ``(lamp, node, bend, site, facet + 1)``, ``grain`` ``(lamp, node, bend)``, ``noise``
     ``(bend,)``; the same bits for any number of threads.
@@ -92,12 +114,12 @@ def _run(
     scene: Scene, bend: float, effort: Effort, clock: Clock, seed: int = 0
 ) -> ConvergedTransport:
     """Return transport at one bend, kept or followed now."""
-    file = _file(scene, bend, effort, seed)
+    file, phi = _file(scene, bend, effort, seed), phi_nodes(scene)
     kept = read_or_drop(file, *ConvergedTransport._fields)
     if kept is not None:
         clock.skip(task_count(scene, effort))
         return ConvergedTransport(**kept)
-    found = transport_at(scene, bend, NODES, effort, clock, seed)
+    found = transport_at(scene, bend, phi, effort, clock, seed)
     try:
         write_npz(file, found._asdict())
     except OSError as error:
@@ -123,6 +145,6 @@ def is_kept(scene: Scene) -> bool:
 
 
 def _file(scene: Scene, bend: float, effort: Effort, seed: int = 0) -> Path:
-    about = f"{VERSION} {scene.hash} {PHI_NODES} {bend!r} {astuple(effort)}"
+    about = f"{VERSION} {scene.hash} {len(phi_nodes(scene))} {bend!r} {astuple(effort)}"
     about += f" {seed}" if seed else ""
     return cache_folder() / f"converged-{hashlib.sha256(about.encode()).hexdigest()[:16]}.npz"

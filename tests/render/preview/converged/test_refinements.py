@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.preview.converged import NODES, Effort, cache, refinements, transport_at
+from render.preview.converged import Effort, cache, phi_nodes, refinements, transport_at
 from render.progress import Clock, Progress
 from render.scene import Scene
 from tests.oracles.random_scenes import random_scene
@@ -35,7 +35,7 @@ def test_the_noisiest_bend_is_followed_again_and_the_mean_of_its_runs_is_taken(
     bends = scene.bending.angles
     assert len(bends) > 1
     noisiest = int(first.noise.argmax())
-    again = transport_at(scene, bends[noisiest], NODES, EFFORT, Clock(1, None), seed=1)
+    again = transport_at(scene, bends[noisiest], phi_nodes(scene), EFFORT, Clock(1, None), seed=1)
     for bend in range(len(bends)):
         mean = first.cells[:, :, bend]
         if bend == noisiest:
