@@ -62,7 +62,11 @@ class Bidirectional(mi.SamplingIntegrator):
         self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True,
         evaluate: bool = True,
     ) -> Any:  # fmt: skip
-        """Render the scene; returns ``(height, width, channel)``."""
+        """Render the scene; returns ``(height, width, channel)``.
+
+        Raises:
+            RenderError: for parameters or content that is not supported, or where nothing is lit.
+        """
         if not REPLICATES_MIN <= self.replicates <= REPLICATES_MAX:
             raise RenderError(
                 f"replicates = {self.replicates}, allowed: {REPLICATES_MIN} to {REPLICATES_MAX}",
@@ -75,6 +79,12 @@ class Bidirectional(mi.SamplingIntegrator):
         sampler = FilmSampler(scene, sensor, self.limits)
         sampler.emission.refuse_dark()
         replicates = self.replicate_images(sampler, _number(seed), spp)
+        if self.max_depth < 0 and not replicates.any():
+            raise RenderError(
+                f"no light arrives at the camera by {spp} samples per pixel, allowed: some; look "
+                "for lamps inside opaque parts or turned away, and where the camera looks",
+                field="emitter",
+            )
         image = replicates.mean(axis=0)
         if self.error_bars:
             error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))

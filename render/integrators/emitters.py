@@ -94,7 +94,9 @@ class Emission:
         emitters = scene.emitters()
         if not emitters:
             raise RenderError(
-                f"the scene has no emitter, at least one is needed: {ALLOWED}", field="emitter"
+                "the scene has no emitter (those of surfaces go into their shapes), at least one "
+                f"is needed: {ALLOWED}",
+                field="emitter",
             )
         kinds, widths, firsts = [], [], []
         tables = [np.linspace(0.0, 1.0, STEPS + 1, dtype=np.float32)]

@@ -5,6 +5,7 @@ What ``fiber`` and ``measured_light`` share as Mitsuba emitters; they work with 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -14,7 +15,10 @@ from render.errors import RenderError
 
 
 class ProfileEmitter(mi.Emitter):
-    """An area light of radiance ``radiance(local)``, of which ``local_density`` is a likeness."""
+    """An area light of radiance ``radiance(local)``, of which ``local_density`` is a likeness.
+
+    Without a shape it is dark: Dr.Jit asks all emitters that are alive, those of other scenes too.
+    """
 
     def __init__(self, props: Any) -> None:
         """Read ``power``, the total one."""
@@ -36,8 +40,11 @@ class ProfileEmitter(mi.Emitter):
         raise NotImplementedError
 
     def area(self) -> float:
-        """Return the area of the shape, known once it is attached."""
-        area: Any = dr.slice(self.get_shape().surface_area())
+        """Return the area of the shape, known once it is attached; infinite without one."""
+        shape = self.get_shape()
+        if shape is None:
+            return math.inf
+        area: Any = dr.slice(shape.surface_area())
         return float(area)
 
     def eval(self, si: Any, active: Any = True) -> Any:
@@ -46,13 +53,17 @@ class ProfileEmitter(mi.Emitter):
 
     def sample_position(self, time: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
         """Sample a point of the shape uniformly; the weight is the inverse density."""
-        ps = self.get_shape().sample_position(time, sample, active)
+        shape = self.get_shape()
+        if shape is None:
+            return dr.zeros(mi.PositionSample3f), mi.Float(0.0)
+        ps = shape.sample_position(time, sample, active)
         weight = dr.select(active & (ps.pdf > 0), dr.rcp(ps.pdf), 0.0)
         return ps, weight
 
     def pdf_position(self, ps: Any, active: Any = True) -> Any:
         """Return the density per area of ``sample_position``."""
-        return self.get_shape().pdf_position(ps, active)
+        shape = self.get_shape()
+        return mi.Float(0.0) if shape is None else shape.pdf_position(ps, active)
 
     def sample_ray(
         self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
@@ -84,8 +95,8 @@ class ProfileEmitter(mi.Emitter):
 
     def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
         """Return the density per solid angle of ``sample_direction``."""
-        cosine = -dr.dot(ds.d, ds.n)
-        area = self.get_shape().surface_area()
+        cosine, shape = -dr.dot(ds.d, ds.n), self.get_shape()
+        area = mi.Float(math.inf) if shape is None else shape.surface_area()
         return dr.select(active & (cosine > 0), dr.square(ds.dist) / (cosine * area), 0.0)
 
     def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
@@ -99,7 +110,8 @@ class ProfileEmitter(mi.Emitter):
 
     def bbox(self) -> Any:
         """Return the bounds of the shape."""
-        return self.get_shape().bbox()
+        shape = self.get_shape()
+        return mi.BoundingBox3f() if shape is None else shape.bbox()
 
     def traverse(self, callback: Any) -> None:
         """Expose no differentiable parameters."""

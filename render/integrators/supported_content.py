@@ -14,7 +14,7 @@ PERTURBED = {"NormalMap": "normalmap", "BumpMap": "bumpmap"}
 
 
 def refuse_unsupported(scene: mi.Scene, sensor: mi.Sensor) -> None:
-    """Raise a RenderError for a variant, sensor, medium or surface that is not supported."""
+    """Raise a RenderError for a variant, sensor, medium, shape or surface not supported."""
     variant = str(mi.variant())
     if not variant.endswith(("_mono", "_rgb")):
         raise RenderError(
@@ -33,6 +33,13 @@ def refuse_unsupported(scene: mi.Scene, sensor: mi.Sensor) -> None:
     for shape in scene.shapes():
         _refuse_heterogeneous(shape.interior_medium())
         _refuse_heterogeneous(shape.exterior_medium())
+        if shape.shape_type() == mi.ShapeType.SDFGrid.value:
+            raise RenderError(
+                f"shape {shape.id()!r} is an sdfgrid, whose normals need not be those of its "
+                "surface, which is not supported, allowed: any other shape; make a mesh of it, or "
+                "use path",
+                field="shape",
+            )
         if shape.bsdf() is not None:
             _refuse_surface(shape)
 

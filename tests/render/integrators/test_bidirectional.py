@@ -141,6 +141,24 @@ def test_what_the_sampler_does_not_support_is_refused_by_name(
         mono.load_dict({"type": kind}).render(scene, spp=1)
 
 
+@pytest.mark.parametrize("kind", ["bdpt", "pssmlt"])
+def test_a_lamp_inside_an_opaque_part_lights_nothing_and_says_so(
+    mono: ModuleType, kind: str
+) -> None:
+    lamp = {"type": "point", "position": [0, 0, 3], "intensity": 1.0}
+    around = {"type": "sphere", "center": [0, 0, 3], "radius": 0.5, "bsdf": {"type": "diffuse"}}
+    scene = plane(mono, light=lamp, around=around)
+    with pytest.raises(RenderError, match=r"no light arrives .* lamps inside opaque parts"):
+        mono.load_dict({"type": kind}).render(scene, spp=4)
+
+
+def test_a_grid_of_distances_is_refused_by_name(mono: ModuleType) -> None:
+    distances = np.linspace(-1.0, 1.0, 64, dtype=np.float32).reshape(4, 4, 4, 1)
+    part = {"type": "sdfgrid", "grid": mono.TensorXf(distances)}
+    with pytest.raises(RenderError, match="'part' is an sdfgrid"):
+        mono.load_dict({"type": "bdpt"}).render(plane(mono, part=part), spp=1)
+
+
 def test_a_metropolis_setting_out_of_range_is_named(mono: ModuleType) -> None:
     scene = plane(mono)
     with pytest.raises(RenderError, match="p_large"):

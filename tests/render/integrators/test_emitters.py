@@ -113,6 +113,24 @@ def test_a_file_is_asked_for_where_a_measured_light_has_none(mono: ModuleType) -
         plate(mono, lamp={"type": "disk", "emitter": {"type": "measured_light"}})
 
 
+def test_a_measured_light_that_no_shape_has_leaves_other_scenes_alone(
+    mono: ModuleType, tmp_path: Path
+) -> None:
+    from render.integrators.emitters import Emission
+
+    path = tmp_path / "led.csv"
+    path.write_text("0,1\n60,0.5\n90,0\n")
+    light = {"type": "measured_light", "filename": str(path)}
+    forgotten = plate(mono, lamp=light)
+    with pytest.raises(RenderError, match="those of surfaces go into their shapes"):
+        Emission(forgotten)
+    lit = plate(mono, lamp={"type": "disk", "emitter": light})
+    ray, power = started(mono, lit)
+    assert np.isfinite(np.array(ray.o)).all()
+    assert power.mean() == pytest.approx(1.0, rel=0.02)
+    del forgotten
+
+
 def test_emitters_that_are_off_are_named(mono: ModuleType) -> None:
     from render.integrators.emitters import Emission
 
