@@ -220,8 +220,8 @@ def schema_2_lamp(scene: Scene, number: int, phi: float) -> Lamp:
         listed = (scene.lamps or ())[number]
         beam = np.array(listed.direction) / np.linalg.norm(listed.direction)
         if listed.turns:
-            # By phi - 90 deg about z.
-            cos, sin = np.sin(phi), -np.cos(phi)
+            # By 90 deg - phi about z, as rows turn on all edges.
+            cos, sin = np.sin(phi), np.cos(phi)
             beam = np.array([cos * beam[0] - sin * beam[1], sin * beam[0] + cos * beam[1], beam[2]])
         position, lamp = np.array(listed.position), listed
         if position[2] == 0.0:

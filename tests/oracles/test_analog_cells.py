@@ -14,7 +14,7 @@ from render.geometry import (
 from render.scene import Scene, load_scene
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
 from tests.oracles.kept_photons import PHI, analog
-from tests.oracles.pads import scene_of_case
+from tests.oracles.pads import content_of_case, scene_of_case
 from tests.oracles.quadrature import facet_radiance, irradiance
 
 pytestmark = pytest.mark.slow
@@ -55,6 +55,19 @@ def test_lamps_and_pyramids_are_where_the_geometry_has_them() -> None:
     pad, place = analog_pad(scene, indented=True), facets(scene, 0.0)
     np.testing.assert_allclose(pad.apex, place.corners[:, 0, 0], atol=1e-12)
     np.testing.assert_allclose(pad.normal, place.normal[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("phi", [0.2, 1.2, 2.6])
+def test_listed_lamps_turn_as_the_geometry_has_them(phi: float) -> None:
+    content = content_of_case("below")
+    for listed in content["lamps"]:
+        listed["turns"] = True
+        listed["direction"]["value"] = [0.3, -0.2, 0.9]
+    scene = Scene.model_validate(content)
+    beams = fiber_poses(scene, 0.0).directions(np.full(scene.lamp_count, phi))
+    for number in range(scene.lamp_count):
+        found = analog_lamp(scene, number, phi).frame[:, 2]
+        np.testing.assert_allclose(found, beams[number], atol=1e-12)
 
 
 def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> None:
