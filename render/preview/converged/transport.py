@@ -9,7 +9,10 @@ mixes facets as in the shader's preview (`render.preview.facet_blur`).
 from __future__ import annotations
 
 import os
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -164,7 +167,7 @@ def transport_at(
     sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
     paths = _Paths(scene, bend, phi, effort, clock, seed, sights)
     blurs, channels = facet_blurs(scene, bend, ring_count(scene)), len(scene.palette.channels)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with _threads(paths.stopped) as pool:
         spread = _exit_fields(paths, pool)
         followed = [_arrivals(paths, pool, effort.rounds * seed)]
         pressed, untouched = (
@@ -190,6 +193,18 @@ def transport_at(
             clock.total += _arrival_ticks(scene, effort)
             followed.append(_arrivals(paths, pool, effort.rounds * seed + len(followed)))
     return parts[0] if len(parts) == 1 else _by_channel(scene, parts)
+
+
+@contextmanager
+def _threads(stopped: threading.Event) -> Iterator[ThreadPoolExecutor]:
+    """Give one for each processor; at an error or interrupt they drop what waits for them."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            yield pool
+        except BaseException:
+            stopped.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _by_channel(scene: Scene, parts: list[ConvergedTransport]) -> ConvergedTransport:
@@ -230,7 +245,7 @@ class _Paths:
     """What all light paths of a pad at one bend share.
 
     ``columns`` are those of each lamp in what is made of its light, one for every node, or one for
-    all.
+    all. Once they are ``stopped``, no further batch of photons flies.
     """
 
     def __init__(
@@ -239,6 +254,7 @@ class _Paths:
     ) -> None:  # fmt: skip
         self.scene, self.bend, self.phi, self.effort = scene, bend, phi, effort
         self.clock, self.seed, self.sights = clock, seed, sights
+        self.stopped = threading.Event()
         self.untouched = bent_block(scene, bend, pressed=False)
         self.pressed = bent_block(scene, bend, pressed=True)
         self.grid: FaceGrid = face_grid(scene)
@@ -273,13 +289,17 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
     scene, flying = paths.scene, flies(paths.scene)
     receivers = receivers_at(scene, paths.bend, paths.sights)
 
+    def after_batch() -> None:
+        if paths.stopped.is_set():
+            raise CancelledError
+        paths.clock.tick(_batch_ticks(scene, paths.effort))
+
     def arrivals_of(lamp: int) -> Halved[Arrivals]:
         if not flying[lamp]:
             return Halved(*(no_arrivals(scene, paths.nodes[lamp]) for _ in Halved._fields))
         return arrivals(
             scene, paths.bend, lamp, paths.phi, paths.untouched, paths.pressed, receivers,
-            _flown(scene, paths.effort), seed,
-            after_batch=lambda: paths.clock.tick(_batch_ticks(scene, paths.effort)),
+            _flown(scene, paths.effort), seed, after_batch,
         )  # fmt: skip
 
     lamps = list(pool.map(arrivals_of, range(scene.lamp_count)))
