@@ -101,11 +101,17 @@ def run(
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
     """Return what the preview of few paths found, for those who wait for more."""
+    from optimize.report import clipping_warning, noise_warning
+
     low, high = found.rating.interval
-    return (
-        f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "
-        f"({low:.0f} to {high:.0f}), baseline {found.stages[0].rating.score:.0f}. "
-        "Now for a more exact one"
+    doubts = noise_warning(found.checker.photon_noise) + clipping_warning(found.stages[-1].clipped)
+    return " ".join(
+        [
+            f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "
+            f"({low:.0f} to {high:.0f}), baseline {found.stages[0].rating.score:.0f}.",
+            *doubts,
+            "Now for a more exact one",
+        ]
     )
 
 

@@ -17,8 +17,10 @@ import pytest
 
 from optimize.design import load_design, load_design_file
 from optimize.scoring import TableScorer, search_table
+from render.preview.converged import Effort, cache
 from render.scene import load_scene
 from surrogate.runtime import Checker
+from tests.oracles.random_scenes import random_content, scene_text
 
 ROOT = Path(__file__).parents[3]
 Run = Callable[..., Any]
@@ -154,6 +156,23 @@ def test_the_searched_table_scores_as_the_model_does(small_model: Path) -> None:
     direct = checker.run(phi, power, np.array(checker.metadata.scene_bends))["score"]
     table = [scorer.score(p, q) for p, q in zip(phi, power, strict=True)]
     assert np.abs(table - direct).max() < 0.2
+
+
+@pytest.mark.slow
+def test_the_first_answer_says_how_noisy_its_light_is(
+    tactilux: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for effort in ("FEW_PATHS", "EFFORT"):
+        few = Effort(photons=500, paths=128, arrivals=100_000, rounds=1)
+        monkeypatch.setattr(cache, effort, few)
+    scene = tmp_path / "random-13.toml"
+    scene.write_text(scene_text(random_content(13)))
+    said = tactilux("explore", scene, "--out", "found")
+    assert said.code == 0, said.err
+    line = next(line for line in said.err.splitlines() if "First answer" in line)
+    assert re.search(r"baseline \d+\. The preview's light paths leave noise of [0-9.]+%", line)
+    assert line.endswith("Now for a more exact one")
 
 
 @pytest.mark.slow
