@@ -139,9 +139,18 @@ def grid_from_transport(
     """
     cells = np.concatenate([transport, background[..., None]], axis=-1)
     brightest = float(cells.max())
-    if not np.isfinite(cells).all() or brightest <= 0:
+    if not np.isfinite(cells).all():
+        lamp = int(np.argwhere(~np.isfinite(cells))[0, 0])
         raise TableError(
-            "the preview is black or not finite somewhere: look at it with `tactilux render`",
+            f"the preview of lamp {lamp} is not finite somewhere, allowed: finite numbers; look at "
+            "it with `tactilux render`",
+            field="preview",
+        )
+    if brightest <= 0:
+        raise TableError(
+            "the preview is black: no light of any lamp that the skin reflects gets to the camera "
+            "from a site, allowed: some; coating.albedo has to be above 0 and the lamps aimed at "
+            "the skin (tactilux describe says which hardly light the pad)",
             field="preview",
         )
     dark = cells < FLOOR * brightest

@@ -106,12 +106,18 @@ def followed_grid(
     report = progress or (lambda _: None)
     began = time.monotonic()
     found: list[ConvergedTransport] = []
+    lit: tuple[float, float] | None = None
 
     def told(at: Progress) -> None:
-        if within is not None and at.done < at.total:
-            spent = time.monotonic() - began
-            needed = spent + (at.eta_seconds or 0.0)
-            tried = at.seconds > min(TRIAL_SECONDS, 0.1 * within)
+        nonlocal lit
+        now = time.monotonic()
+        if lit is None or at.done < lit[1]:
+            # What is compiled before the first light is no measure of the rest.
+            lit = now, at.done
+        elif within is not None and lit[1] < at.done < at.total:
+            spent = now - lit[0]
+            needed = now - began + spent * (at.total - at.done) / (at.done - lit[1])
+            tried = spent > min(TRIAL_SECONDS, 0.1 * within)
             if needed > MAX_FRACTION * within and tried:
                 raise TooLongError(f"{needed:.0f} s")
         report(at)

@@ -127,8 +127,9 @@ def test_the_measure_finds_95_percent_where_errors_are_normal_and_less_where_lig
 def test_intervals_of_facets_and_sites_hold_what_analog_photons_say(case: str) -> None:
     for result in measured(case, SEEDS).values():
         assert 0.02 < result.cell_error < 0.2
-        # Facets of a site share their light: a few seeds scatter by some percent.
-        slack = 0.0 if LONG else 2.5 * result.error
+        # Facets of a site share their light: a few seeds scatter by some percent. Bounds are whole
+        # percents.
+        slack = 0.005 if LONG else 2.5 * result.error
         assert result.covered >= 0.92 - slack
         # Where none of n independent intervals misses, up to 3 / n of all may: fewer than 150 do
         # not tell 98 % from all.

@@ -25,6 +25,7 @@ from tests.validation.film import not_too_many
 
 SAMPLES = 4000 if LONG else 400
 REPLICATES = 16
+FEW_CELLS = 8
 
 FAST = (
     "smooth", "narrow", "below touching", "rough 0.03", "no face", "half below", "rim rough 0.1",
@@ -128,7 +129,8 @@ def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None
         assert result.error < 0.05
         assert result.p.min() * result.p.size > 1e-3
         assert not_too_many(result.p)
-        assert np.median(np.abs(result.z)) < 1.5
+        # A pad may show one lit site alone: of so few the median says nothing.
+        assert len(result.z) < FEW_CELLS or np.median(np.abs(result.z)) < 1.5
 
 
 def test_a_smooth_bent_pad_is_right_but_for_the_bars_of_one_facet_in_fifty() -> None:

@@ -55,7 +55,11 @@ def test_black_cells_hold_the_floor_and_are_counted() -> None:
 
 
 def test_a_black_preview_is_refused() -> None:
-    with pytest.raises(TableError, match="black or not finite"):
+    with pytest.raises(TableError, match=r"the preview is black: .* coating\.albedo"):
         grid_from_transport(
             np.zeros((1, 1, 1, 1, 3)), np.zeros((1, 1, 1, 1)), np.zeros(1), np.zeros(1)
         )
+    light = np.ones((2, 1, 1, 1, 3))
+    light[1, 0, 0, 0, 2] = np.nan
+    with pytest.raises(TableError, match="lamp 1 is not finite"):
+        grid_from_transport(light, np.ones((2, 1, 1, 1)), np.zeros(1), np.zeros(1))

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from render.preview.converged import Effort, cache, converged_transport
-from render.progress import Progress
+from render.preview.converged import (
+    ConvergedTransport,
+    Effort,
+    cache,
+    converged_transport,
+)
+from render.progress import Clock, Progress
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid, draw_grid
@@ -51,6 +58,25 @@ def test_where_that_takes_too_long_the_drawn_preview_stays_and_says_so(
     # What was followed before costs nothing.
     converged_transport(flat)
     assert followed_grid(drawn, flat, 1e-3, None) is not drawn
+
+
+def test_what_is_compiled_before_the_first_light_is_no_measure_of_the_rest(
+    flat: Scene, drawn: PreviewGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    transport = converged_transport(flat)
+
+    def slow_at_first(
+        scene: Scene, goal: float, told: Callable[[Progress], None]
+    ) -> Iterator[ConvergedTransport]:
+        clock = Clock(100, told)
+        time.sleep(0.5)
+        for _ in range(100):
+            clock.tick()
+        yield transport
+
+    monkeypatch.setattr(training_preview, "refinements", slow_at_first)
+    # By the first hundredth alone it would take 50 s.
+    assert followed_grid(drawn, flat, 2.0, None) is not drawn
 
 
 def test_time_that_is_left_goes_to_more_light_paths_and_is_said(
