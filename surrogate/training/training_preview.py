@@ -106,13 +106,13 @@ def followed_grid(
     report = progress or (lambda _: None)
     began = time.monotonic()
     found: list[ConvergedTransport] = []
-    lit: tuple[float, float] | None = None
+    lit, latest = (began, 0.0), np.inf
 
     def told(at: Progress) -> None:
-        nonlocal lit
+        nonlocal lit, latest
         now = time.monotonic()
-        if lit is None or at.done < lit[1]:
-            # What is compiled before the first light is no measure of the rest.
+        if at.done < latest:
+            # A run has begun: what is compiled before its first light is no measure of the rest.
             lit = now, at.done
         elif within is not None and lit[1] < at.done < at.total:
             spent = now - lit[0]
@@ -120,6 +120,7 @@ def followed_grid(
             tried = spent > min(TRIAL_SECONDS, 0.1 * within)
             if needed > MAX_FRACTION * within and tried:
                 raise TooLongError(f"{needed:.0f} s")
+        latest = at.done
         report(at)
 
     try:

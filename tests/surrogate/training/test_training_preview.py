@@ -68,15 +68,16 @@ def test_what_is_compiled_before_the_first_light_is_no_measure_of_the_rest(
     def slow_at_first(
         scene: Scene, goal: float, told: Callable[[Progress], None]
     ) -> Iterator[ConvergedTransport]:
-        clock = Clock(100, told)
-        time.sleep(0.5)
-        for _ in range(100):
-            clock.tick()
-        yield transport
+        for noise in (0.05, 0.04):
+            clock = Clock(100, told)
+            time.sleep(0.5)
+            for _ in range(100):
+                clock.tick()
+            yield transport._replace(noise=np.array([noise]))
 
     monkeypatch.setattr(training_preview, "refinements", slow_at_first)
-    # By the first hundredth alone it would take 50 s.
-    assert followed_grid(drawn, flat, 2.0, None) is not drawn
+    # By the first hundredth alone, or from the begin of the first run on, it would take 50 s.
+    assert followed_grid(drawn, flat, 2.0, None).photon_noise == 0.04
 
 
 def test_time_that_is_left_goes_to_more_light_paths_and_is_said(
