@@ -34,7 +34,8 @@ DRAWN_WELL = tuple(case for case in FAST if "window" not in case)
 KNOWN = (
     "narrow", "narrow 3 deg", "narrow 6 deg", "narrow rough 0.03", "narrow, clear rim",
     "thin rim narrow", "far small lamp rough 0.01", "no face", "wide no face",
-    "sharp lobe no face", "mixed 6", "random 0", "random 7", "random 9", "random 13", "random 20", "random 21",
+    "sharp lobe no face", "mixed 6", "random 0", "random 7", "random 9", "random 13", "random 20",
+    "random 21",
 )  # fmt: skip
 """Where the converged preview is known to be off by more (RESULTS.md): narrow beams, in air, and
 lamps that light facets over the whole pad."""
