@@ -43,8 +43,9 @@ class MetricConfig:
 
 THESIS = MetricConfig()
 MIN_HUE = 1e-9
-DARK_COUNTS = 1.0
 """Mean M_phi of a baseline; what is below is the rounding of lights that have one hue."""
+DARK_COUNTS = 1.0
+"""A facet of less in all channels is dark."""
 LEAST_RADIANCE = 1e-12
 """Radiance of the skin, 1/(mm^2 sr) per unit power, below which a design is dark: of all light that
 a lamp sends, a billionth falls on a skin of 300 mm^2."""

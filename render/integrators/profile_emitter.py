@@ -110,8 +110,7 @@ class ProfileEmitter(mi.Emitter):
 
     def bbox(self) -> Any:
         """Return the bounds of the shape."""
-        shape = self.get_shape()
-        return mi.BoundingBox3f() if shape is None else shape.bbox()
+        return self.get_shape().bbox()
 
     def traverse(self, callback: Any) -> None:
         """Expose no differentiable parameters."""

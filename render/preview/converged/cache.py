@@ -114,12 +114,12 @@ def _run(
     scene: Scene, bend: float, effort: Effort, clock: Clock, seed: int = 0
 ) -> ConvergedTransport:
     """Return transport at one bend, kept or followed now."""
-    file, phi = _file(scene, bend, effort, seed), phi_nodes(scene)
+    file = _file(scene, bend, effort, seed)
     kept = read_or_drop(file, *ConvergedTransport._fields)
     if kept is not None:
         clock.skip(task_count(scene, effort))
         return ConvergedTransport(**kept)
-    found = transport_at(scene, bend, phi, effort, clock, seed)
+    found = transport_at(scene, bend, phi_nodes(scene), effort, clock, seed)
     try:
         write_npz(file, found._asdict())
     except OSError as error:
