@@ -35,8 +35,8 @@ def closed_box(mono: ModuleType, wall: dict[str, Any], intensity: float = 5.0) -
     )  # fmt: skip
 
 
-def render(mono: ModuleType, scene: Any, kind: str) -> np.ndarray:
-    parameters = SMALL if kind == "pssmlt" else {}
+def render(mono: ModuleType, scene: Any, kind: str, **parameters: int) -> np.ndarray:
+    parameters = SMALL | parameters if kind == "pssmlt" else parameters
     return np.array(mono.load_dict({"type": kind, **parameters}).render(scene, spp=256))
 
 
@@ -50,7 +50,15 @@ WALLS: list[dict[str, Any]] = [
 def test_inside_a_closed_box_the_camera_sees_exactly_nothing(
     mono: ModuleType, wall: dict[str, Any]
 ) -> None:
-    assert (render(mono, closed_box(mono, wall), "bdpt") == 0).all()
+    assert (render(mono, closed_box(mono, wall), "bdpt", max_depth=64) == 0).all()
+
+
+@pytest.mark.parametrize("wall", WALLS, ids=["black", "white"])
+def test_a_picture_that_no_light_may_reach_at_any_depth_is_refused(
+    mono: ModuleType, wall: dict[str, Any]
+) -> None:
+    with pytest.raises(RenderError, match="no light arrives at the camera"):
+        render(mono, closed_box(mono, wall), "bdpt")
 
 
 def test_metropolis_says_that_it_found_no_light_in_a_closed_box(mono: ModuleType) -> None:
