@@ -62,11 +62,11 @@ class WindowBond:
 
 @dataclass
 class LayeredWay:
-    """A way down through pad and window and up again (a Dr.Jit PyTree).
+    """A way through pad and window, and perhaps back (a Dr.Jit PyTree).
 
-    ``direction``, ``pad_cos`` and ``pad_length`` (mm) are in the pad, ``window_cos`` and
-    ``window_length`` in the window. ``spread`` is the area across the way per solid angle where it
-    begins (mm^2 / sr).
+    ``direction`` (downwards), ``pad_cos`` and ``pad_length`` (mm) are in the pad, ``window_cos``
+    and ``window_length`` in the window. ``spread`` is the area across the way in the pad per solid
+    angle there (mm^2 / sr).
     """
 
     direction: mi.Vector3f
@@ -77,14 +77,16 @@ class LayeredWay:
     spread: mi.Float
 
 
-def way_over_lower_face(bond: WindowBond, across: mi.Vector3f, pad: mi.Float) -> LayeredWay:
+def way_through_bond(
+    bond: WindowBond, across: mi.Vector3f, pad: mi.Float, window: mi.Float
+) -> LayeredWay:
     """Return the way that goes as far as x and y of ``across`` (mm).
 
-    It crosses a height ``pad`` (mm) of silicone in all, and the window twice.
+    It crosses heights ``pad`` of silicone and ``window`` of the window in all (mm).
     """
-    ratio, window_is_denser, window = bond.ratio, bond.window_is_denser, 2.0 * bond.thickness
+    ratio, window_is_denser = bond.ratio, bond.window_is_denser
     reach = dr.maximum(dr.hypot(across.x, across.y), 1e-6)
-    pad = dr.maximum(pad, THINNEST)
+    pad, window = dr.maximum(pad, THINNEST), dr.maximum(window, THINNEST)
     # From the denser side total reflection says where the crossing is at most.
     if window_is_denser:
         first, second, denser = window, pad, ratio
@@ -125,14 +127,14 @@ class Tube:
 
 
 def tube_behind(
-    bond: WindowBond, d: mi.Vector3f, in_window: mi.Bool, pad_length: mi.Float,
-    window_length: mi.Float, outward: mi.Vector3f, outside: mi.Vector3f,
+    bond: WindowBond, d: mi.Vector3f, from_window: mi.Bool, in_window: mi.Bool,
+    pad_length: mi.Float, window_length: mi.Float, outward: mi.Vector3f, outside: mi.Vector3f,
 ) -> Tube:  # fmt: skip
-    """Return how light spreads that began in the pad and leaves along ``d``.
+    """Return how light spreads that began in the pad, or ``from_window``, and leaves along ``d``.
 
-    It has gone so far (mm) in either medium and leaves by a face with the normal ``outward``,
-    behind which it goes ``outside``. Differentials of the ray, in the plane of incidence of the
-    bond and across it, are carried to the face and through it (Igehy 1999).
+    It has gone so far (mm) in either medium and leaves, ``in_window`` or not, by a face with the
+    normal ``outward``, behind which it goes ``outside``. Differentials of the ray, in the plane of
+    incidence of the bond and across it, are carried to the face and through it (Igehy 1999).
     """
     index = dr.select(in_window, bond.window, bond.pad)
     slow = dr.hypot(d.x, d.y)
@@ -143,16 +145,19 @@ def tube_behind(
         dr.sqrt(dr.maximum(1.0 - dr.square(slow * index / of), 1e-12))
         for of in (bond.pad, bond.window)
     )
-    # Angles in the window per angle in the pad.
-    bent, turned = cos_1 / (bond.ratio * cos_2), dr.rcp(bond.ratio)
-    moved_in = (pad_length / cos_1 + window_length * bent / cos_2) * cosine
-    moved_across = pad_length + window_length * turned
+    # Angles in the window, and in the pad, per angle where it began.
+    bent = dr.select(from_window, 1.0, cos_1 / (bond.ratio * cos_2))
+    turned = dr.select(from_window, 1.0, dr.rcp(bond.ratio))
+    pad_bent = dr.select(from_window, cos_2 * bond.ratio / cos_1, 1.0)
+    pad_turned = dr.select(from_window, bond.ratio, 1.0)
+    moved_in = (pad_length * pad_bent / cos_1 + window_length * bent / cos_2) * cosine
+    moved_across = pad_length * pad_turned + window_length * turned
     steeper = mi.Vector3f(toward_x * cosine, toward_y * cosine, -dr.mulsign(slow, d.z))
     aside = mi.Vector3f(-toward_y, toward_x, 0.0)
     differentials = []
     for moved, direction, angle in (
-        (moved_in, steeper, dr.select(in_window, bent, 1.0)),
-        (moved_across, aside, dr.select(in_window, turned, 1.0)),
+        (moved_in, steeper, dr.select(in_window, bent, pad_bent)),
+        (moved_across, aside, dr.select(in_window, turned, pad_turned)),
     ):
         at_face = moved * direction
         at_face -= d * (dr.dot(outward, at_face) / dr.dot(outward, d))
@@ -180,11 +185,12 @@ def reflected_by_walls(
     bond: WindowBond, box: tuple[mi.Vector3f, mi.Vector3f], metal: mi.Float, a: mi.Vector3f,
     direction: mi.Vector3f, in_window: tuple[mi.Float, mi.Float], counts: list[mi.Float],
 ) -> WallReflections:  # fmt: skip
-    """Return what walls reflect on a way from ``a`` in the pad along ``direction``.
+    """Return what walls reflect on a way from ``a`` along ``direction``, which is that in the pad.
 
-    ``box`` are the lowest and highest corner (mm); ``metal`` is what sides reflect, -1 by Fresnel's
-    equations. The way is in the window between two distances ``in_window`` along the bond (mm) and
-    meets walls ``counts`` times across x and y, at most twice.
+    Where all of it is in the window, x and y are what they would be in the pad. ``box`` are the
+    lowest and highest corner (mm); ``metal`` is what sides reflect, -1 by Fresnel's equations. The
+    way is in the window between two distances ``in_window`` along the bond (mm) and meets walls
+    ``counts`` times across x and y, at most twice.
     """
     low, high = box
     slow = dr.maximum(dr.hypot(direction.x, direction.y), 1e-6)

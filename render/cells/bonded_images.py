@@ -12,7 +12,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.bond_optics import LayeredWay, WindowBond, through_bond, way_over_lower_face
+from render.cells.bond_optics import LayeredWay, WindowBond, through_bond, way_through_bond
 from render.cells.box_images import BoxImages
 from render.cells.mirror_images import ON_FACE, FoldedLine, ImageChain
 from render.paths.vertex import Vertex
@@ -31,7 +31,9 @@ class BondedImages(BoxImages):
 
     def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> LayeredWay:
         """Return the way over the lower face, as if ``image`` had that."""
-        return way_over_lower_face(self.bond, mi.Vector3f(self.point(image, p) - a), a.z + p.z)
+        return way_through_bond(
+            self.bond, mi.Vector3f(self.point(image, p) - a), a.z + p.z, 2.0 * self.bond.thickness
+        )
 
     def _over_lower(self, image: mi.UInt32) -> mi.Bool:
         return self._digits(image)[2] > 0

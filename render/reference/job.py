@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from render.sampling.pssmlt import MarkovChains
 
 VERSION = 16
-SHARED_VERSION = 3
+SHARED_VERSION = 4
 """Of renders of all lamps at once (``render.reference.shared_lamps``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5

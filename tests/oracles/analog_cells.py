@@ -117,7 +117,10 @@ def finer_for_beams(scene: Scene) -> int:
         widths = [scene.fibers.sigma_v]
     else:
         lamps = (*(scene.rows or ()), *(scene.lamps or ()))
-        widths = [lamp.profile.sigma_v or np.pi for lamp in lamps]
+        # cos(theta)^n falls like a Gaussian of the variance 1 / n.
+        widths = [
+            lamp.profile.sigma_v or (lamp.profile.cosine_exponent or 0.1) ** -0.5 for lamp in lamps
+        ]
     return FINER if min(widths) < NARROW else 1
 
 

@@ -213,6 +213,10 @@ CASES: dict[str, dict[str, Any]] = {
             painted("black", "base"),
         ],
     },
+    "window with white walls": {
+        "window": window(1.49, 4.0), "faces": [painted("white", "right", "base", reflectance=0.85)],
+        **BELOW_THE_PAD,
+    },
     "lobe": lobe(0.1, 0.5),
     "bright lobe": lobe(0.4, 0.5),
     "sharp lobe": lobe(0.4, 0.1),

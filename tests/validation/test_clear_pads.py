@@ -32,7 +32,7 @@ FAST = (
     "rough left and lower, smooth tip", "rim on left and right rough 0.1", "dome",
     "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
     "cast into a rim rough 0.1", "mixed 5", "mixed 20", "window lit at its edges",
-    "window of low index under the lamps",
+    "window of low index under the lamps", "window with white walls",
 )  # fmt: skip
 
 BENT = "smooth bent 45"

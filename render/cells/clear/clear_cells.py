@@ -175,7 +175,7 @@ class ClearCells:
                 vertex += 1
                 reflections = mi.UInt32(0)
                 up = mi.Vector3u(*(dr.select(d[i] > 0, mi.UInt32(1), 0) for i in range(3)))
-                counts = mi.Vector3u(0, 0, self.surfaces.unjoined(a))
+                counts = mi.Vector3u(0, 0, self.surfaces.begin(a))
                 chain = _Chain(
                     mi.Float(0), mi.Float(0), survival * dr.maximum(local.z, 1e-6) / dr.pi,
                     counts, up, kappa,
@@ -193,8 +193,9 @@ class ClearCells:
                     # From inside, the normal is on the far side.
                     beyond = mi.Vector3f(index * d + (dr.abs(outside) - index * cosine) * hit.n)
                     line = self.ways.leaving(
-                        hit.p, hit.n, d, beyond, chain.before, chain.below, cosine, dr.abs(outside)
-                    )
+                        last, hit.p, hit.n, d, beyond, chain.before, chain.below, cosine,
+                        dr.abs(outside),
+                    )  # fmt: skip
                     chain.density *= 1.0 - fresnel
                     self._meet(met, lane, line, chain, hit.n, beta, vertex == 1)
                 onward = self.surfaces.inside(hit, d, number)
@@ -242,17 +243,19 @@ class ClearCells:
         survival: mi.Float, kappa: mi.Float, facet: mi.Bool, stream: Stream, base: mi.UInt32,
     ) -> None:  # fmt: skip
         """Add the light of lamps joined to diffuse vertices ``a``."""
-        ways = self.ways
+        ways, draws = self.ways, self.ways.draws
+        in_window = self.surfaces.in_window(a, a)
         pick, way, x, y = stream.event(base + (VERTEX_EVENTS - 1))
         step = mi.UInt32(0)
-        last = dr.select(facet, mi.UInt32(ways.facet_count), mi.UInt32(self.fibers))
+        last = dr.select(facet, mi.UInt32(draws.facet_count), mi.UInt32(self.fibers))
         going = step < last
         while going:
             turn = mi.Float(step)
             number = wrapped(way + turn * 0.6180339887498949)
-            main, lamp = ways.at_facet(step, number)
+            main, lamp = draws.at_facet(step, number)
             lamp = dr.select(facet, lamp, step)
-            entry = dr.select(facet, main, ways.later(dr.minimum(step, self.fibers - 1), number))
+            later = draws.later(dr.minimum(step, self.fibers - 1), number, in_window)
+            entry = dr.select(facet, main, later)
             square = mi.Point2f(wrapped(x + turn * STEP[0]), wrapped(y + turn * STEP[1]))
             found = ways.join(entry, lamp, a, wrapped(pick + turn * 0.41421356237), square)
             cosine = dr.dot(n, found.direction)
@@ -260,7 +263,7 @@ class ClearCells:
             if valid:
                 carried = ways.along(lamp, found.line)
                 radiance = carried.radiance
-                density = carried.joined * ways.probability(entry, facet)
+                density = carried.joined * draws.probability(entry, facet)
                 by_chance = survival * cosine / dr.pi * found.chance
                 by_chance *= 1.0 + kappa * carried.emitted
                 value = scale * cosine * found.through / (density + by_chance)
@@ -318,7 +321,7 @@ class ClearCells:
             carried = self.ways.along(lamp, line)
             radiance = carried.radiance
             entry = self.ways.entry(lamp, code)
-            joined = carried.joined * self.ways.probability(entry, facet)
+            joined = carried.joined * self.ways.draws.probability(entry, facet)
             by_light = chain.density * chain.kappa * carried.emitted
             value = beta * chain.density / (chain.density + joined + by_light)
             for j in range(self.channels):

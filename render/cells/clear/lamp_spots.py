@@ -26,10 +26,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.bond_optics import reflected_by_walls, way_over_lower_face
-from render.cells.clear.bonded_ways import BY_BOND, IN_PAD, LEVELS, OVER_LOWER
+from render.cells.bond_optics import reflected_by_walls, way_through_bond
 from render.cells.clear.lamp_ways import BEHIND, LampWays
-from render.cells.clear.pad_surfaces import DIELECTRIC, DIFFUSE, NO_TURN, PadSurfaces, step_off
+from render.cells.clear.pad_surfaces import (
+    BOND_MET,
+    BOND_PASSED,
+    DIELECTRIC,
+    DIFFUSE,
+    FROM_WINDOW,
+    LOWER_MET,
+    NO_TURN,
+    PadSurfaces,
+    step_off,
+)
 from render.cells.clear.unfolded_cells import CELL_MAX, box_image, side_of, wall_reflections
 from render.cells.fiber_light import FiberLight
 from render.sampling.reservoirs import OneNumberReservoir
@@ -46,6 +55,12 @@ SLACK = 1e-2
 """mm above a spot from which it is not hidden: rays step off the faces that reflect them."""
 AT_BOND = 1
 """Level of the image that a bond shows."""
+BETWEEN_SPOTS = (
+    0, 2 * BOND_PASSED + LOWER_MET, BOND_MET, BOND_PASSED, BOND_PASSED + LOWER_MET, FROM_WINDOW,
+    FROM_WINDOW + LOWER_MET, FROM_WINDOW + BOND_MET, FROM_WINDOW + BOND_PASSED,
+    FROM_WINDOW + BOND_PASSED + LOWER_MET,
+)  # fmt: skip
+"""Counts along z of ways between two vertices over images, from the pad and from the window."""
 NEAREST = 1e-6
 """mm^2 that squared distances are at least."""
 
@@ -189,15 +204,18 @@ class LampSpots:
             reflections += 1
             active = active & (reflections < REFLECTIONS)
         # --------------------------- What the spot sends -----------------------------
-        line = self.ways.leaving(entry.p, entry.n, -entered, -d, before, below, inside, outside)
+        counts.z += self.surfaces.begin(spot)
+        line = self.ways.leaving(
+            spot, entry.p, entry.n, -entered, -d, before, below, inside, outside
+        )
         carried = self.ways.along(lamp, line)
         up = mi.Vector3u(*(dr.select(onward[i] < 0, mi.UInt32(1), 0) for i in range(3)))
         way = self.ways.entry(lamp, self.ways.code(counts, up, entry.n))
-        joined = carried.joined * self.ways.probability(way, mi.Bool(False))
+        joined = carried.joined * self.ways.draws.probability(way, mi.Bool(False))
         known = (cosine > 0) & (reflectance > 0) & (carried.emitted > 0)
         emitted = dr.select(known, carried.emitted, 1.0)
         cosine = dr.select(known, cosine, 1.0)
-        per_index = 1.0 / (dr.pi * self.index**2)
+        per_index = 1.0 / (dr.pi * self.index**2 * self._square_of_window(spot))
         sent = [
             dr.select(known, per_index * reflectance * metal * value / emitted, 0.0)
             for value in carried.radiance
@@ -215,6 +233,7 @@ class LampSpots:
         """
         _, total = self.connect(a, n, spot, spot_n, mi.Float(0.5), known)
         kappa = (self.index * dr.pi) ** 2 / (survival * spot_survival * total)
+        kappa *= self._square_of_window(spot)
         return dr.select(known & (total > 0), kappa, 0.0)
 
     def known(self, counts: mi.Vector3u, up: mi.Vector3u) -> mi.Bool:
@@ -222,8 +241,8 @@ class LampSpots:
         inside = (counts.x <= CELL_MAX) & (counts.y <= CELL_MAX)
         if self.surfaces.bond is not None:
             of_images = mi.Bool(False)
-            for level in (IN_PAD, OVER_LOWER, BY_BOND):
-                of_images |= counts.z == LEVELS[level].count
+            for between in BETWEEN_SPOTS:
+                of_images |= counts.z == between
             return inside & of_images
         return inside & (counts.z <= self.deepest) & ((counts.z == 0) | (up.z == 0))
 
@@ -274,38 +293,72 @@ class LampSpots:
         self, row: list[mi.Float], a: mi.Point3f, n: mi.Normal3f, spot: mi.Point3f,
         spot_n: mi.Normal3f,
     ) -> tuple[SpotConnection, mi.Float]:  # fmt: skip
-        """Return the same where images in the lower face are seen through a bond."""
+        """Return the same where a bond is between, or shows images itself."""
         bond = self.surfaces.bond
         assert bond is not None
         sign, shift = mi.Vector3f(row[0:3]), mi.Vector3f(row[3:6])
+        begins_below, ends_below = a.z < 0, spot.z < 0
+        below, across = begins_below & ends_below, begins_below != ends_below
         lower = row[5] < 0
         by_bond = (row[2] < 0) & ~lower
+        bent = (lower & ~below) | across
         span = sign * mi.Vector3f(spot) + shift - mi.Vector3f(a)
         squared = dr.maximum(dr.squared_norm(span), NEAREST)
-        way = way_over_lower_face(bond, span, a.z + spot.z)
-        direction = dr.select(lower, way.direction, span * dr.rsqrt(squared))
+        # --------------------------- The line, and its light ---------------------------------
+        pad = dr.maximum(a.z, 0.0) + dr.maximum(spot.z, 0.0)
+        depth = dr.minimum(a.z, 0.0) + dr.minimum(spot.z, 0.0)
+        way = way_through_bond(
+            bond, span, pad, dr.select(lower, 2.0 * bond.thickness + depth, -depth)
+        )
+        straight = span * dr.rsqrt(squared)
+        rise = dr.select(begins_below & ~lower, 1.0, -1.0)
+        in_window = mi.Vector3f(
+            way.direction.x / bond.ratio, way.direction.y / bond.ratio, rise * way.window_cos
+        )
+        in_pad = mi.Vector3f(way.direction.x, way.direction.y, rise * way.pad_cos)
+        direction = dr.select(bent, dr.select(begins_below, in_window, in_pad), straight)
+        arrives = dr.select(bent, dr.select(ends_below, in_window, in_pad), straight)
         leaving = dr.maximum(dr.dot(n, direction), 0.0)
-        arriving = dr.maximum(-dr.dot(spot_n, sign * direction), 0.0)
-        weight = leaving * arriving / dr.select(lower, way.spread, squared)
-        # Paint around the window is left to camera subpaths.
-        weight *= dr.select((a.z > 0) & (spot.z > 0), 1.0, 0.0)
+        arriving = dr.maximum(-dr.dot(spot_n, sign * arrives), 0.0)
+        # Solid angles and areas are those where the line begins and ends.
+        steeper = way.window_cos / dr.maximum(way.pad_cos, 1e-6)
+        spread = way.spread * dr.select(across, steeper, 1.0)
+        spread *= dr.select(begins_below, dr.square(bond.ratio), 1.0)
+        weight = leaving * arriving / dr.select(bent, spread, squared)
+        weight *= dr.select(by_bond & across, 0.0, 1.0)
+        # --------------------------- What it meets -------------------------------------------
         aside = dr.hypot(direction.x, direction.y)
-        down = a.z * aside / dr.maximum(way.pad_cos, 1e-6)
-        sine = aside / bond.ratio
-        up = down + way.window_length * sine
-        in_window = dr.select(lower, down, dr.inf), dr.select(lower, up, dr.inf)
+        down = dr.select(begins_below, -1.0, a.z * aside / dr.maximum(way.pad_cos, 1e-6))
+        up = dr.maximum(down, 0.0) + way.window_length * dr.hypot(in_window.x, in_window.y)
         walls = reflected_by_walls(
-            bond, self.ways.box, self.ways.metal_sides, mi.Vector3f(a), direction, in_window,
+            bond, self.ways.box, self.ways.metal_sides, mi.Vector3f(a),
+            direction * dr.select(begins_below, bond.ratio, 1.0),
+            (
+                dr.select(bent | below, down, dr.inf),
+                dr.select(bent & ~ends_below, up, dr.inf),
+            ),
             row[6:8],
         )  # fmt: skip
-        by_lower = dr.square(bond.passed(way.pad_cos))
-        reflected = mi.fresnel(way.window_cos, dr.rcp(bond.window))[0]
-        by_lower *= dr.select(row[8] > 0.5, reflected, 1.0)
-        weight *= walls.chance * dr.select(lower, by_lower, 1.0)
-        weight *= dr.select(by_bond, 1.0 - bond.passed(direction.z), 1.0)
-        length = dr.select(lower, way.pad_length + way.window_length, dr.sqrt(squared))
+        steep = dr.abs(straight.z)
+        window_cos = dr.select(bent, way.window_cos, steep)
+        passed = bond.passed(way.pad_cos)
+        reflected = mi.fresnel(window_cos, dr.rcp(bond.window))[0]
+        weight *= walls.chance * dr.select(bent, passed, 1.0)
+        weight *= dr.select(bent & ~across, passed, 1.0)
+        weight *= dr.select(lower & (row[8] > 0.5), reflected, 1.0)
+        at_bond = dr.select(
+            below, mi.fresnel(steep, dr.rcp(bond.ratio))[0], 1.0 - bond.passed(steep)
+        )
+        weight *= dr.select(by_bond, at_bond, 1.0)
+        length = dr.select(bent, way.pad_length + way.window_length, dr.sqrt(squared))
         turn = dr.select(by_bond, mi.UInt32(0), NO_TURN)
         return SpotConnection(direction, length - SLACK / arriving, turn, row[9]), weight
+
+    def _square_of_window(self, p: mi.Point3f) -> mi.Float:
+        """Return the squared index at ``p`` over that of the pad."""
+        if self.surfaces.bond is None:
+            return mi.Float(1.0)
+        return dr.select(p.z < 0.0, dr.square(self.surfaces.bond.ratio), 1.0)
 
 
 def survival_of(reflectance: mi.Float) -> mi.Float:

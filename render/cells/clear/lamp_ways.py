@@ -34,19 +34,12 @@ from render.cells.clear.unfolded_cells import (
     travels_up,
     wall_reflections,
 )
+from render.cells.clear.way_draws import WayDraws
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.cells.lamp_aim import face_crossing
 from render.geometry import fiber_poses
 from render.scene import Scene
 
-MAIN_SHARE = 0.05
-"""Part of a lamp's light from which a way is evaluated at every facet, not now and then."""
-LEAST_SHARE = 1e-5
-"""Part of a lamp's light below which a way is left to camera subpaths."""
-UNIFORM_SHARE = 0.2
-"""Probability that falls to all ways alike where one of several is drawn."""
-SLOTS = 256
-"""Slots of equal probability by which ways are drawn."""
 PROFILE_FLOOR = 0.05
 """Least radiance, over that of the axis, in the shares of ways: beams may be narrow."""
 NEWTON_STEPS = 5
@@ -195,17 +188,32 @@ class LampWays:
 
     def _weigh(self, scene: Scene, candidates: list[list[LampWay]]) -> None:
         """Decide which ways are evaluated always, and the probabilities of the others."""
+        entries = np.arange(self.entries)
+        ends = np.cumsum([len(ways) for ways in candidates])
+        self.draws = WayDraws(np.split(entries, ends[:-1]), self._strength(), self._from_window())
+        table = np.full((self.lamps, CODES + 1), self.entries, dtype=np.uint32)
+        lamps, codes = np.array(self.lamp_of), np.array(self.code_of)
+        table[lamps, codes] = entries
+        self.entry_of = mi.UInt32(table.ravel())
+        dr.make_opaque(self.entry_of)
+
+    def _from_window(self) -> NDArray[np.bool_]:
+        """Return whether ways begin in a window of another index, ``(entry,)``."""
+        return np.zeros(self.entries, dtype=bool)
+
+    def _strength(self) -> Array:
+        """Return about how much light comes over each way, ``(entry,)``."""
         size = self.high - self.low
         step = (np.arange(GRID) + 0.5) / GRID
         x, y = np.meshgrid(self.low[0] + size[0] * step, self.low[1] + size[1] * step)
-        points = GRID**2
-        lane = dr.arange(mi.UInt32, self.entries * points)
-        entry, at = lane // points, lane % points
-        p = mi.Point3f(
-            dr.gather(mi.Float, mi.Float(x.ravel()), at),
-            dr.gather(mi.Float, mi.Float(y.ravel()), at),
-            mi.Float(float(self.high[2])),
-        )
+        points = np.column_stack([x.ravel(), y.ravel(), np.full(GRID**2, self.high[2])])
+        return self._arriving(points, np.array([0.0, 0.0, -1.0]))
+
+    def _arriving(self, points: Array, n: Array) -> Array:
+        """Return the light that comes over each way to ``(point, axis)`` of a face, in the mean."""
+        lane = dr.arange(mi.UInt32, self.entries * len(points))
+        entry, at = lane // len(points), lane % len(points)
+        p = mi.Point3f(*(dr.gather(mi.Float, mi.Float(points[:, i]), at) for i in range(3)))
         lamp = dr.gather(mi.UInt32, self.lamp_of, entry)
         # Each with a point of the lamp's end of its own (R3 sequence).
         pick, u, v = (wrapped(mi.Float(at) * step) for step in (0.8191725, 0.6710436, 0.5497005))
@@ -216,70 +224,10 @@ class LampWays:
         for value in carried.radiance:
             mean += value / len(carried.radiance)
         level = dr.maximum(mean, PROFILE_FLOOR * peak) * found.through
-        sent = level * dr.maximum(found.direction.z * -1.0, 0.05)
+        sent = level * dr.maximum(dr.dot(mi.Normal3f(*n.tolist()), found.direction), 0.05)
         sent = dr.select(found.valid & (carried.joined > 0), sent / carried.joined, 0.0)
-        strength = np.array(sent, dtype=np.float64).reshape(self.entries, points).mean(axis=1)
-        # ------------------------- Probabilities ----------------------------------------
-        facet, later = np.zeros(self.entries), np.zeros(self.entries)
-        main: list[int] = []
-        drawn_facet = np.zeros((self.lamps, SLOTS), dtype=np.uint32)
-        drawn_later = np.zeros((self.lamps, SLOTS), dtype=np.uint32)
-        start, some = 0, False
-        for number, ways in enumerate(candidates):
-            rows = np.arange(start, start + len(ways))
-            start += len(ways)
-            share = strength[rows] / max(float(strength[rows].sum()), 1e-300)
-            taken, share = rows[share > LEAST_SHARE], share[share > LEAST_SHARE]
-            always = share > MAIN_SHARE
-            main += taken[always].tolist()
-            facet[taken[always]] = 1.0
-            later_slots = _slots(share)
-            drawn_later[number] = taken[later_slots] if len(taken) else self.entries
-            later[taken] = np.bincount(later_slots, minlength=len(taken)) / SLOTS
-            rest = taken[~always]
-            drawn_facet[number] = self.entries
-            if len(rest):
-                some = True
-                slots = _slots(share[~always])
-                drawn_facet[number] = rest[slots]
-                facet[rest] = np.bincount(slots, minlength=len(rest)) / SLOTS
-        self.main = len(main)
-        self.facet_count = self.main + (self.lamps if some else 0)
-        self.main_entry = mi.UInt32(np.array(main or [0], dtype=np.uint32))
-        self.drawn = mi.UInt32(np.concatenate([drawn_facet, drawn_later]).ravel())
-        # One entry more stands for no way.
-        self.chosen = mi.Float(np.concatenate([facet, [0.0], later, [0.0]]).astype(np.float32))
-        table = np.full((self.lamps, CODES + 1), self.entries, dtype=np.uint32)
-        lamps, codes = np.array(self.lamp_of), np.array(self.code_of)
-        table[lamps, codes] = np.arange(self.entries)
-        self.entry_of = mi.UInt32(table.ravel())
-        dr.make_opaque(self.main_entry, self.drawn, self.chosen, self.entry_of)
-
-    # -- drawing ways ---------------------------------------------------------------------------
-
-    def at_facet(self, step: mi.UInt32, number: mi.Float) -> tuple[mi.UInt32, mi.UInt32]:
-        """Return entry and lamp of ``step`` of ``facet_count``, for a uniform ``number``.
-
-        The main ways of all lamps come first, then one of the others for every lamp.
-        """
-        always = step < self.main
-        entry = dr.gather(mi.UInt32, self.main_entry, dr.minimum(step, max(self.main, 1) - 1))
-        other = dr.select(always, 0, step - self.main)
-        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
-        entry = dr.select(always, entry, dr.gather(mi.UInt32, self.drawn, other * SLOTS + slot))
-        known = entry < self.entries
-        lamp = dr.gather(mi.UInt32, self.lamp_of, dr.minimum(entry, self.entries - 1))
-        return entry, dr.select(known, lamp, 0)
-
-    def later(self, lamp: mi.UInt32, number: mi.Float) -> mi.UInt32:
-        """Return the entry of one way of ``lamp``, for vertices behind the facet."""
-        slot = dr.minimum(mi.UInt32(number * SLOTS), SLOTS - 1)
-        return dr.gather(mi.UInt32, self.drawn, (self.lamps + lamp) * SLOTS + slot)
-
-    def probability(self, entry: mi.UInt32, facet: mi.Bool) -> mi.Float:
-        """Return with what probability a vertex evaluates ``entry``."""
-        at = dr.select(facet, entry, self.entries + 1 + entry)
-        return dr.gather(mi.Float, self.chosen, at)
+        values = np.array(sent, dtype=np.float64).reshape(self.entries, len(points))
+        return np.asarray(values.mean(axis=1))
 
     def entry(self, lamp: mi.UInt32, code: mi.UInt32) -> mi.UInt32:
         """Return the entry of a lamp's way, ``entries`` where there is none."""
@@ -348,12 +296,14 @@ class LampWays:
         return Joined(direction, line, through, chance, mi.UInt32(NO_TURN), valid)
 
     def leaving(
-        self, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f, outside: mi.Vector3f,
-        before: mi.Float, below: mi.Float, inside_cos: mi.Float, outside_cos: mi.Float,
+        self, begin: mi.Point3f, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f,
+        outside: mi.Vector3f, before: mi.Float, below: mi.Float, inside_cos: mi.Float,
+        outside_cos: mi.Float,
     ) -> LampLine:  # fmt: skip
-        """Return the line of light along ``d`` that leaves a face at ``p`` along ``outside``.
+        """Return the line of light from ``begin`` that leaves a face at ``p`` along ``outside``.
 
-        ``n`` is the normal; the line has gone ``before`` mm through the pad, and ``below`` it.
+        ``n`` is the normal and ``d`` the direction before it; the line has gone ``before`` mm
+        through the pad, and ``below`` it.
         """
         return LampLine(p, outside, before, inside_cos, outside_cos)
 
@@ -380,19 +330,6 @@ def _outside(low: Array, high: Array, face: int, p: Array) -> float:
     """Return how far (mm) ``p`` is outside of a face."""
     axis, upper = divmod(side_of(face), 2)
     return float(p[axis] - high[axis] if upper else low[axis] - p[axis])
-
-
-def _slots(share: Array) -> NDArray[np.int64]:
-    """Return which way each slot draws, ``(slot,)``, from their shares ``(way,)``."""
-    if not len(share):
-        return np.zeros(0, dtype=np.int64)
-    total = share.sum()
-    even = np.full(len(share), 1 / len(share))
-    mixed = (1 - UNIFORM_SHARE) * (share / total if total > 0 else even) + UNIFORM_SHARE * even
-    # Each way has one slot at least.
-    counts = np.maximum(1, np.floor(mixed * SLOTS)).astype(np.int64)
-    counts[counts.argmax()] += SLOTS - counts.sum()
-    return np.repeat(np.arange(len(share)), counts)
 
 
 def wrapped(number: mi.Float) -> mi.Float:

@@ -15,9 +15,9 @@ import numpy as np
 from render.cells.bond_optics import WindowBond, through_bond
 
 DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
-BOND_PASSED, LOWER_MET, BOND_MET, UNJOINED = 1, 3, 9, 1 << 16
-"""What the bond and the lower face add to the counts along z where there is a bond: no two of the
-ways that are told apart have the same."""
+BOND_PASSED, LOWER_MET, BOND_MET, FROM_WINDOW = 1, 3, 9, 1 << 16
+"""What bond, lower face and a begin in the window add to the counts along z where there is a bond:
+no two of the ways that are told apart have the same."""
 NO_TURN = 1 << 16
 """The turn of lines that no bond reflects."""
 
@@ -98,13 +98,10 @@ class PadSurfaces:
         """Return whether the line between two neighbors is in a window of another index."""
         return mi.Bool(False) if self.bond is None else a.z + b.z < 0.0
 
-    def unjoined(self, p: mi.Point3f) -> mi.UInt32:
-        """Return the count along z of chains that begin at ``p``.
-
-        Vertices on paint around a window of another index are met by chance alone: their chains are
-        none that is told apart.
-        """
-        return mi.UInt32(0) if self.bond is None else dr.select(p.z < 0.0, mi.UInt32(UNJOINED), 0)
+    def begin(self, p: mi.Point3f) -> mi.UInt32:
+        """Return the count along z of chains that begin at ``p``."""
+        in_window = self.in_window(p, p)
+        return dr.select(in_window, mi.UInt32(FROM_WINDOW), 0)
 
     def inside(self, hit: SurfaceHit, d: mi.Vector3f, number: mi.Float) -> Onward:
         """Return how light along ``d`` goes on in the silicone: reflected, or through the bond.

@@ -22,7 +22,7 @@ CELL_MAX = 2
 CELLS = 2 * CELL_MAX + 1
 DOWN = 5
 """Cells in z, 0 to -4: the lower face may reflect, and in turn with it the top of a clear rim."""
-DEPTHS = 7
+DEPTHS = 14
 """Numbers of ways along z: over a bond there are more."""
 CODES = len(FACES) * CELLS**2 * DEPTHS
 """Ways, numbered by face and cell in x, y and z."""

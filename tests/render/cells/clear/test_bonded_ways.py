@@ -10,7 +10,7 @@ import pytest
 
 from render.cells.bond_optics import WindowBond
 from render.cells.clear.bonded_ways import LEVELS, BondedWays
-from render.cells.clear.unfolded_cells import CODES, LampWay
+from render.cells.clear.unfolded_cells import CODES, DEPTHS, LampWay
 from render.cells.fiber_light import FiberLight
 from render.geometry import facets
 from render.scene import Scene
@@ -19,6 +19,12 @@ from tests.oracles.pads import scene_of_case
 COUNT, DIRECTIONS = 1 << 15, 1 << 18
 LEFT, TIP = 0, 1
 STRAIGHT, OVER_LOWER, IN_WINDOW, WINDOW_OVER_LOWER, BY_BOND, TWICE, TWICE_AND_LOWER = range(7)
+FROM_WINDOW, FROM_WINDOW_OVER_LOWER, FROM_WINDOW_BY_BOND = range(7, 10)
+UP_AND_DOWN, DOWN_AND_UP, UP_INTO_PAD, OVER_LOWER_INTO_PAD = range(10, 14)
+WHITE_TIP = "window, white, black and mirror walls"
+# Points before white paint, and its normals.
+RIGHT_WALL = (9.99, 1.0, -1.0), (-1.0, 0.0, 0.0)
+TIP_WALL = (2.0, 11.99, -1.0), (0.0, -1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -49,6 +55,50 @@ def test_a_lamp_brings_what_directions_find(
     assert entry < ways.entries
     place = facets(scene, 0.0)
     a, n = place.centroid[site, facet] - [0.0, 0.0, 1e-3], place.normal[site, facet]
+    joined_as_directions_find(mono, scene, ways, entry, lamp, a, n, face, cells, level)
+
+
+@pytest.mark.parametrize(
+    ("case", "lamp", "place", "face", "cells", "level"),
+    [
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 0), FROM_WINDOW),
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 0), FROM_WINDOW_OVER_LOWER),
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 0), FROM_WINDOW_BY_BOND),
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 1), FROM_WINDOW),
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 0), UP_AND_DOWN),
+        ("window with white walls", 0, RIGHT_WALL, LEFT, (0, 0), DOWN_AND_UP),
+        (WHITE_TIP, 1, TIP_WALL, LEFT, (0, 0), UP_INTO_PAD),
+        (WHITE_TIP, 1, TIP_WALL, LEFT, (0, 0), OVER_LOWER_INTO_PAD),
+    ],
+)
+def test_white_paint_around_the_window_is_lit_as_directions_find(
+    mono: ModuleType, case: str, lamp: int, place: tuple[tuple[float, ...], tuple[float, ...]],
+    face: int, cells: tuple[int, int], level: int,
+) -> None:  # fmt: skip
+    scene = scene_of_case(case)
+    light = FiberLight(scene, np.full((scene.lamp_count, 1), 1.2), 0.0)
+    ways = BondedWays(scene, light, WindowBond(scene))
+    entry = int(np.array(ways.entry_of)[lamp * (CODES + 1) + LampWay(face, (*cells, -level)).code])
+    assert entry < ways.entries
+    a, n = map(np.array, place)
+    joined_as_directions_find(mono, scene, ways, entry, lamp, a, n, face, cells, level)
+
+
+def test_no_two_ways_of_a_lamp_have_one_number(mono: ModuleType) -> None:
+    scene = scene_of_case("window with white walls")
+    light = FiberLight(scene, np.full((scene.lamp_count, 1), 1.2), 0.0)
+    ways = BondedWays(scene, light, WindowBond(scene))
+    numbers = np.column_stack([np.array(ways.lamp_of), np.array(ways.code_of)])
+    assert len(np.unique(numbers, axis=0)) == ways.entries
+    assert len(LEVELS) <= DEPTHS
+
+
+def joined_as_directions_find(
+    mono: ModuleType, scene: Scene, ways: BondedWays, entry: int, lamp: int, a: np.ndarray,
+    n: np.ndarray, face: int, cells: tuple[int, int], level: int,
+) -> None:  # fmt: skip
+    """Join ``a`` on a surface of the normal ``n`` to a lamp, and follow directions about that."""
+    light = ways.light
     rng = np.random.default_rng(1)
 
     def lanes(values: np.ndarray) -> object:
@@ -95,7 +145,9 @@ def followed(
     pad, window = scene.pad.index, scene.window.index
     of, count = LEVELS[level], len(d)
     p, d, through = np.tile(a, (count, 1)), d.copy(), np.ones(count)
-    below, going = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+    below, going = np.full(count, a[2] < 0), np.ones(count, dtype=bool)
+    if of.rises is not None:
+        going &= (d[:, 2] > 0) == of.rises
     met = np.zeros((count, 2), dtype=int)
     passed, by_bond, by_lower = (np.zeros(count, dtype=int) for _ in range(3))
     outside, ended = np.zeros((count, 3)), np.zeros(count, dtype=bool)

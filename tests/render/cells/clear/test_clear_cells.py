@@ -47,8 +47,8 @@ def test_lamps_that_are_met_alone_have_the_light_of_lamps_that_are_joined_as_wel
 ) -> None:
     sampler = cells(scene_of_case(case))
     both = sums(sampler, 256, 1)
-    sampler.ways.chosen = 0.0 * sampler.ways.chosen
-    dr.make_opaque(sampler.ways.chosen)
+    sampler.ways.draws.chosen = 0.0 * sampler.ways.draws.chosen
+    dr.make_opaque(sampler.ways.draws.chosen)
     met = sums(sampler, 32768, 1)
     assert (both[1] < 0.02 * both[0]).all()
     assert (met[1] < 0.1 * met[0]).all()

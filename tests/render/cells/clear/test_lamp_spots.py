@@ -52,7 +52,15 @@ def without_light_subpaths(mono: ModuleType, monkeypatch: pytest.MonkeyPatch, sa
 
 @pytest.mark.parametrize(
     "case",
-    ["large lamp", "mirror walls", "white walls", "window", "window of low index under the lamps"],
+    [
+        "large lamp",
+        "mirror walls",
+        "white walls",
+        "window",
+        "window of low index under the lamps",
+        "window with white walls",
+        "window, white, black and mirror walls",
+    ],
 )
 def test_light_subpaths_find_what_camera_subpaths_find(
     mono: ModuleType, monkeypatch: pytest.MonkeyPatch, case: str

@@ -152,13 +152,18 @@ def test_what_vertices_evaluate_is_drawn_with_the_probability_that_is_stated(
     number = mono.Float(np.random.default_rng(2).random(count).astype(np.float32))
     for facet in (True, False):
         times = np.zeros(ways.entries + 1)
-        steps = ways.facet_count if facet else ways.lamps
+        draws = ways.draws
+        steps = draws.facet_count if facet else ways.lamps
         for step in range(steps):
             at = mono.UInt32(np.full(count, step, dtype=np.uint32))
-            entry = ways.at_facet(at, number)[0] if facet else ways.later(at, number)
+            entry = (
+                draws.at_facet(at, number)[0]
+                if facet
+                else draws.later(at, number, mono.Bool(False))
+            )
             times += np.bincount(np.array(entry), minlength=ways.entries + 1)
         every = mono.UInt32(np.arange(ways.entries, dtype=np.uint32))
-        stated = np.array(ways.probability(every, mono.Bool(facet)))
+        stated = np.array(draws.probability(every, mono.Bool(facet)))
         np.testing.assert_allclose(times[:-1] / count, stated, atol=0.02)
         assert (stated > 0).sum() > ways.lamps
 

@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from render.cells.bond_optics import WindowBond, way_over_lower_face
+from render.cells.bond_optics import WindowBond, way_through_bond
 from render.cells.clear.pad_surfaces import (
     BOND,
     BOND_MET,
@@ -87,7 +87,7 @@ def test_skin_hides_what_is_behind_it_and_a_bond_does_not(mono: ModuleType) -> N
     a = mono.Point3f([-7.0, -7.0], [-8.0, -8.0], [4.4, 4.4])
     # Over the lower face to untouched skin between the pyramids.
     across = mono.Vector3f([4.5, 9.5], [4.0, 13.0], [0.0, 0.0])
-    way = way_over_lower_face(bond, across, a.z + 4.4)
+    way = way_through_bond(bond, across, a.z + 4.4, 2.0 * bond.thickness)
     length = way.pad_length + way.window_length
     passes = mono.UInt32(NO_TURN), mono.Bool(True)
     assert not np.array(surfaces.blocked(a, way.direction, length - 0.01, *passes)).any()
