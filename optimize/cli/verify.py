@@ -105,6 +105,7 @@ def _print(
     stream: IO[str], path: Path, scene: Scene, checker: Checker, found: Verification
 ) -> None:
     from optimize.design import PARTS
+    from optimize.report import clipping_warning
     from optimize.scoring import prediction_checked
 
     word = scene.state_word
@@ -136,6 +137,8 @@ def _print(
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )
+    for warning in clipping_warning(found.design.clipped):
+        stream.write(f"Note: {warning}\n")
 
 
 def _pm(estimate: JackknifeEstimate) -> str:

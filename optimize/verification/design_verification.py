@@ -67,11 +67,15 @@ class Verification:
 
     def to_json(self) -> dict[str, object]:
         """Return what programs rely on."""
-        both = {"baseline": self.baseline.score, "design": self.design.score}
         return {
             **{
-                name: {"score": score.value, "se": score.se, "interval": list(score.interval())}
-                for name, score in both.items()
+                name: {
+                    "score": rated.score.value,
+                    "se": rated.score.se,
+                    "interval": list(rated.score.interval()),
+                    "clipped": rated.clipped,
+                }
+                for name, rated in (("baseline", self.baseline), ("design", self.design))
             },
             "difference": {
                 "value": self.difference.value,

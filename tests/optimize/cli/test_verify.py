@@ -75,12 +75,22 @@ def test_it_renders_once_and_then_answers_from_its_checkpoint(
     assert {item.name for item in tmp_path.iterdir()} == {"design.json", "design-renders"}
 
 
-@pytest.mark.parametrize("level", ["converged preview", "preview", "surrogate"])
-def test_it_names_what_predicted_the_score(level: str, tmp_path: Path) -> None:
+def said(level: str, clipped: float, folder: Path) -> str:
+    """Return what is printed of a design that saturates so many of its facets."""
     parts = {part: JackknifeEstimate(50.0, 50.0, np.array([49.0, 51.0])) for part in PARTS}
-    rendered = RenderedScore(parts, 0.0, ScoreSettings(1.0, 0.0))
+    rendered = RenderedScore(parts, clipped, ScoreSettings(1.0, 0.0))
     found = Verification(rendered, rendered, parts["score"], 47.99, 1.0, (1, 2), 4)
     checker = SimpleNamespace(level=level, score_half_width=0.81, coverage=0.9)
     out = io.StringIO()
-    _print(out, tmp_path / "design.json", load_scene("digit"), checker, found)  # type: ignore[arg-type]
-    assert f"The {level} said 47.99, off by -2.01" in out.getvalue()
+    _print(out, folder / "design.json", load_scene("digit"), checker, found)  # type: ignore[arg-type]
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("level", ["converged preview", "preview", "surrogate"])
+def test_it_names_what_predicted_the_score(level: str, tmp_path: Path) -> None:
+    assert f"The {level} said 47.99, off by -2.01" in said(level, 0.0, tmp_path)
+
+
+def test_it_says_that_a_design_saturates_the_camera(tmp_path: Path) -> None:
+    assert "Note" not in said("preview", 0.0, tmp_path)
+    assert "Note: 75.0% of the facets saturate the camera" in said("preview", 0.75, tmp_path)
