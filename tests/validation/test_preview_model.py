@@ -5,8 +5,9 @@ coarse and converged, and on cells of analog photons.
 
 From the command line, for the factors in ``surrogate.preview_interval``:
 ``python -m tests.validation.test_preview_model 1 2 digit --photons 300000 --keep FOLDER``. Numbers
-are random sensors, names shipped scenes; what was traced is kept in the folder. ``--models FOLDER``
-adds a row for the model of each that ``tactilux train`` has made there, under the scene's name.
+are random sensors (``13@3``: with beams of 3 deg), names shipped scenes; what was traced is kept in
+the folder. ``--models FOLDER`` adds a row for the model of each that ``tactilux train`` has made
+there, under the scene's name.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 from scipy import stats
 from scipy.stats import kendalltau
 
@@ -38,7 +40,7 @@ from surrogate.runtime import Checker
 from surrogate.training.evaluation import random_colors
 from tests.long import LONG
 from tests.oracles.kept_photons import analog
-from tests.oracles.random_scenes import random_scene
+from tests.oracles.random_scenes import random_content, random_scene
 
 SENSORS = ("2", "4", "6", "10", "13", "19", "20") if LONG else ("4",)
 PHOTONS = 250_000 if LONG else 100_000
@@ -170,8 +172,15 @@ def traced(scene: Scene, phi: np.ndarray, photons: int) -> Truth:
 
 
 def sensor(name: str) -> Scene:
-    """Return the random sensor of a number, or the shipped scene of a name."""
-    return random_scene(int(name)) if name.isdigit() else load_scene(name)
+    """Return the random sensor of a number, with beams of so many deg, or the scene of a name."""
+    number, _, beam = name.partition("@")
+    if not number.isdigit():
+        return load_scene(name)
+    if not beam:
+        return random_scene(int(number))
+    content = random_content(int(number))
+    content["fibers"]["sigma_v"]["value"] = float(beam)  # type: ignore[index]
+    return Scene.model_validate(content)
 
 
 def directions(scene: Scene) -> np.ndarray:
@@ -306,6 +315,14 @@ def test_the_preview_ranks_designs_and_its_intervals_hold() -> None:
         assert np.mean([errors.tau - errors.noise_tau for errors in found]) > -0.15
     assert np.mean([errors.color - errors.color_noise for errors in converged]) < 0.02
     assert np.mean([errors.half_width for errors in converged]) < 0.05
+
+
+@pytest.mark.skipif(not LONG, reason="part of make validation-long")
+def test_narrow_beams_light_what_they_light_between_directions() -> None:
+    """None of the directions that photons go is one that the preview was made in."""
+    for errors, _ in measured(sensor("13@3"), PHOTONS)[-1:]:
+        assert abs(errors.light - 1.0) < 0.03
+        assert errors.color - errors.color_noise < 0.04
 
 
 def main() -> None:
