@@ -101,10 +101,12 @@ def run(
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
     """Return what the preview of few paths found, for those who wait for more."""
-    from optimize.report import clipping_warning, noise_warning
+    from optimize.report import clipping_warning, preview_warnings
 
     low, high = found.rating.interval
-    doubts = noise_warning(found.checker.photon_noise) + clipping_warning(found.stages[-1].clipped)
+    checker, last = found.checker, found.stages[-1]
+    doubts = preview_warnings(last.scene, checker.level, checker.photon_noise)
+    doubts += clipping_warning(last.clipped)
     return " ".join(
         [
             f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "

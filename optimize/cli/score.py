@@ -28,7 +28,7 @@ def run(
         clipping_warning,
         doubted_gain,
         holder_warning,
-        noise_warning,
+        preview_warnings,
         print_scores,
     )
     from optimize.scoring import open_model
@@ -44,7 +44,7 @@ def run(
         found = rate(checker, sensor, "design", "Design", "", design)
         ranking = RankingTest.of(checker.metadata)
         doubts = [] if ranking.reliable else [ranking.advice()]
-        doubts += noise_warning(found.photon_noise)
+        doubts += preview_warnings(sensor, checker.level, found.photon_noise)
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:

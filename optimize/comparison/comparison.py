@@ -20,7 +20,7 @@ import numpy as np
 from optimize.comparison.named_designs import NamedDesign
 from optimize.design import Design
 from optimize.exploration import Stage, rate
-from optimize.report import clipping_warning, doubted_gain, holder_warning, noise_warning
+from optimize.report import clipping_warning, doubted_gain, holder_warning, preview_warnings
 from optimize.verification import FinalistEvaluation, RenderDesigns
 from render.reference import PRESSED, SampleAllocation
 from render.scene import Scene
@@ -127,7 +127,7 @@ def compare_on_model(
         return value, (value - reach, value + reach), doubted_gain(better.design, ranking)
 
     warnings = [] if ranking.reliable else [ranking.advice()]
-    warnings += noise_warning(checker.photon_noise)
+    warnings += preview_warnings(scene, checker.level, checker.photon_noise)
     return DesignComparison(
         stages,
         _pairs(stages, difference),

@@ -37,7 +37,7 @@ from optimize.report.page import (
     data_uri,
     holder_warning,
     monochrome_warning,
-    noise_warning,
+    preview_warnings,
     render_page,
     sensor_figure,
     stage_pictures,

@@ -27,8 +27,8 @@ from optimize.report.page import (
     data_uri,
     holder_warning,
     monochrome_warning,
-    noise_warning,
     picture_kind,
+    preview_warnings,
     render_page,
     sensor_figure,
     stage_pictures,
@@ -361,7 +361,7 @@ def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
             f"S rose, but normals are read worse, off by {last.normal_error:.2f}° instead of "
             f"{first.normal_error:.2f}°: the score misleads here (docs/score.md says by what)."
         )
-    texts += noise_warning(last.photon_noise)
+    texts += preview_warnings(last.scene, last.rating.level, last.photon_noise)
     texts += holder_warning(last.scene, last.design)
     texts += monochrome_warning(last.design)
     if last.domain_excess > 0:

@@ -10,12 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 
 from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
+from render.preview.converged import narrowest_turning_beam
 from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene, shipped_scenes
 from render.sensor_drawing import sensor_svg
+
+NARROW_BEAM = np.radians(2.0)
+"""Beams of lamps that turn, below which previews are less sure than their intervals say."""
 
 
 def render_page(template: str, context: Mapping[str, Any], package: str = "optimize") -> str:
@@ -125,11 +130,22 @@ def clipping_warning(clipped: float) -> list[str]:
     ]
 
 
-def noise_warning(photon_noise: float | None) -> list[str]:
-    """Return that a preview's colors are noisier than its photons were meant to leave them."""
-    if photon_noise is None or photon_noise <= NOISE_LIMIT:
-        return []
-    return [
-        f"The preview's light paths leave noise of {photon_noise:.1%} in its colors, more "
-        f"than {NOISE_LIMIT:.0%}: intervals are wider for it; let renders decide (tactilux verify)."
-    ]
+def preview_warnings(scene: Scene, level: str, photon_noise: float | None) -> list[str]:
+    """Return what makes colors of a preview less sure than they are elsewhere; usually nothing.
+
+    That is more noise than its photons were meant to leave, and beams that are too narrow.
+    """
+    texts = []
+    if photon_noise is not None and photon_noise > NOISE_LIMIT:
+        texts.append(
+            f"The preview's light paths leave noise of {photon_noise:.1%} in its colors, more than "
+            f"{NOISE_LIMIT:.0%}: intervals are wider for it; let renders decide (tactilux verify)."
+        )
+    beam = narrowest_turning_beam(scene)
+    if "preview" in level and beam < NARROW_BEAM:
+        texts.append(
+            f"Beams of {np.degrees(beam):.1f} deg light spots smaller than what previews tell "
+            "apart: with 1 deg intervals held 57% of the scores; let renders decide (tactilux "
+            "verify)."
+        )
+    return texts

@@ -8,6 +8,7 @@ from render.preview.converged.cache import (
     converged_transport,
     few_paths_transport,
     is_kept,
+    narrowest_turning_beam,
     phi_nodes,
     refinements,
 )

@@ -35,6 +35,8 @@ SPACING = 1.25
 """Between directions at most, in widths of the narrowest beam (`beam_cones`)."""
 MOST_NODES = 129
 """Directions of the narrowest beams, below some 2 deg: their preview errs by more."""
+LEAST_BEAM = 1e-4
+"""rad that a beam is taken to have at least."""
 EFFORT = Effort()
 """What is kept, and looked for."""
 FEW_PATHS = Effort(photons=25_000, paths=4096, arrivals=6_000_000, rounds=1)
@@ -44,16 +46,22 @@ FEW_PATHS = Effort(photons=25_000, paths=4096, arrivals=6_000_000, rounds=1)
 def phi_nodes(scene: Scene) -> Array:
     """Return directions of the lamps, rad in [0, pi]; the middle one is straight ahead.
 
-    At least `PHI_NODES`, and so many that the narrowest beam that turns passes none by; light that
-    leaves a milky layer is wide.
+    At least `PHI_NODES`, and so many that the narrowest beam that turns passes none by.
     """
-    turning = flies(scene) & flat_fiber_poses(scene).turns
-    narrowest = beam_cones(scene)[turning].min(initial=np.pi)
+    narrowest = narrowest_turning_beam(scene)
     # Chebyshev points are this far apart in the middle, times the number of gaps.
-    with np.errstate(divide="ignore"):
-        gaps = np.ceil(0.5 * np.pi**2 / (SPACING * narrowest))
+    gaps = np.ceil(0.5 * np.pi**2 / (SPACING * max(narrowest, LEAST_BEAM)))
     count = int(np.clip(gaps + 1, PHI_NODES, MOST_NODES))
     return chebyshev_nodes(count + 1 - count % 2, 0.0, np.pi)
+
+
+def narrowest_turning_beam(scene: Scene) -> float:
+    """Return how wide the narrowest beam of a lamp that turns is, rad; pi where none is narrow.
+
+    Light that leaves a milky layer is wide.
+    """
+    turning = flies(scene) & flat_fiber_poses(scene).turns
+    return float(beam_cones(scene)[turning].min(initial=np.pi))
 
 
 def converged_transport(
