@@ -1,7 +1,7 @@
-"""Images over the smooth faces of a flat pad on a window of another index.
+"""Images over the bond of a flat pad and a window of another index.
 
-The lower face of the window is seen through the bond: light goes down through it, is reflected, and
-comes up through it again. Unfolded over the walls and the lower face that is one way through layers
+What lies on the window's faces is seen through the bond, and so is what its lower face shows of
+pad and window where it is smooth. Unfolded over walls and lower face that is one way through layers
 of two indices, bent by Snell's law at the bond, and in a plane with the bond's normal; Newton's
 method finds it. Along the faces wave vectors stay, so the order of layers does not matter. Walls
 reflect on either side of the bond, and what they reflect depends on which.
@@ -20,9 +20,9 @@ from render.scene import Scene
 
 
 class BondedImages(BoxImages):
-    """The mirrors of a flat pad and the window under it, with a smooth lower face."""
+    """The mirrors of a flat pad and the window under it; image 0 is seen through the bond alone."""
 
-    over_bond = True
+    first = 0
 
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places and both indices from the scene."""
@@ -30,10 +30,13 @@ class BondedImages(BoxImages):
         self.bond = WindowBond(scene)
 
     def _way(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> LayeredWay:
-        """Return the way over the lower face, as if ``image`` had that."""
-        return way_through_bond(
-            self.bond, mi.Vector3f(self.point(image, p) - a), a.z + p.z, 2.0 * self.bond.thickness
-        )
+        """Return the way through the bond; to points of the pad that is over the lower face."""
+        above, depth = dr.maximum(p.z, 0.0), dr.minimum(p.z, 0.0)
+        there_and_back = 2.0 * self.bond.thickness + depth
+        straight = (p.z < 0) & ~self._over_lower(image)
+        window = dr.select(straight, -depth, there_and_back)
+        across = mi.Vector3f(self.point(image, p) - a)
+        return way_through_bond(self.bond, across, a.z + above, window)
 
     def _over_lower(self, image: mi.UInt32) -> mi.Bool:
         return self._digits(image)[2] > 0
@@ -41,8 +44,24 @@ class BondedImages(BoxImages):
     def line(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
         """Return direction and spread, as of `MirrorImages.line`."""
         direction, squared = super().line(image, a, p)
-        way, lower = self._way(image, a, p), self._over_lower(image)
-        return dr.select(lower, way.direction, direction), dr.select(lower, way.spread, squared)
+        way, below = self._way(image, a, p), p.z < 0
+        steeper = way.window_cos / dr.maximum(way.pad_cos, 1e-6)
+        spread = way.spread * dr.select(below, steeper, 1.0)
+        bent = self._over_lower(image) | below
+        return dr.select(bent, way.direction, direction), dr.select(bent, spread, squared)
+
+    def arriving(self, image: mi.UInt32, direction: mi.Vector3f, p: mi.Point3f) -> mi.Vector3f:
+        """Return how a line arrives, as of `MirrorImages.arriving`."""
+        below, _ = through_bond(direction, self.bond.ratio)
+        return self.folded(image, dr.select(p.z < 0, below, direction))
+
+    def reaches(self, image: mi.UInt32, p: mi.Point3f) -> mi.Bool:
+        """Return whether a line is bent or reflected on its way to ``p``."""
+        return (image > 0) | (p.z < 0)
+
+    def square_of_index(self, p: mi.Point3f) -> mi.Float:
+        """Return the squared index at ``p`` over that of the pad."""
+        return dr.select(p.z < 0, dr.square(self.bond.ratio), 1.0)
 
     def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one.
@@ -50,8 +69,11 @@ class BondedImages(BoxImages):
         Walls are taken to reflect in the pad.
         """
         weight = super()._weight(image, a, y)
-        way, lower = self._way(image, a.p, y.p), self._over_lower(image)
-        return weight * dr.select(lower, dr.square(self.bond.passed(way.pad_cos)), 1.0)
+        way, below = self._way(image, a.p, y.p), y.p.z < 0
+        passed = self.bond.passed(way.pad_cos)
+        twice = dr.select(self._over_lower(image), dr.square(passed), 1.0)
+        weight *= dr.select(below, passed, twice)
+        return dr.select(self.reaches(image, y.p), weight, 0.0)
 
     def _reflected(self, axis: int, digit: mi.UInt32, direction: mi.Vector3f) -> mi.Float:
         """Return what a mirror reflects of light that has ``direction`` at the coating."""
@@ -68,20 +90,20 @@ class BondedImages(BoxImages):
         """Return whether ``v`` lies in the bond."""
         return v.delta & (dr.abs(v.n.z) > 1.0 - ON_FACE) & (dr.abs(v.p.z) < ON_FACE)
 
-    def connected(self, y: Vertex) -> mi.Bool:
-        """Return whether facets are connected to the images of ``y``: not if that is below."""
-        return y.p.z > 0.0
-
-    def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
+    def follow(
+        self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, y: Vertex, going: mi.Bool
+    ) -> FoldedLine:
         """Follow a line, through the bond where it meets that."""
-        line, bond = super().follow(b, d, left, going), going & self._at_bond(b)
+        line, bond = super().follow(b, d, left, y, going), going & self._at_bond(b)
         onward, passed = through_bond(d, self.bond.ratio)
-        # Down to the lower face, up to the vertex.
-        meets = line.meets | (bond & (self._over_lower(left) == (d.z < 0)))
+        # Down to the lower face or to what lies below, else up.
+        ends_below = y.p.z < 0
+        meets = line.meets | (bond & ((self._over_lower(left) | ends_below) == (d.z < 0)))
         below, rest = dr.select(bond, d.z < 0, b.p.z < 0), dr.select(bond, left, line.left)
         return FoldedLine(
-            meets, meets & ((rest > 0) | below), rest, dr.select(bond, onward, line.d),
-            dr.select(bond, passed, line.reflected), dr.select(bond, passed, line.chosen),
+            meets, meets & ((rest > 0) | (below != ends_below)), rest,
+            dr.select(bond, onward, line.d), dr.select(bond, passed, line.reflected),
+            dr.select(bond, passed, line.chosen),
         )  # fmt: skip
 
     def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:

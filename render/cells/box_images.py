@@ -19,7 +19,6 @@ from render.cells.mirror_images import (
     metal_faces,
     mirror_faces,
 )
-from render.geometry import LOWER
 from render.paths.vertex import Vertex
 from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Numbers
@@ -32,8 +31,6 @@ class BoxImages(MirrorImages):
     sizes: tuple[int, ...] = (3, 3, 2)
     planes: tuple[tuple[int, ...], ...] = ((1, 2), (1, 2), (1,))
     """Of each axis, the digits of single mirrors."""
-    over_bond = False
-    """Whether the lower face is seen over a bond that refracts."""
 
     def __init__(self, scene: Scene) -> None:
         """Take the faces' places from the scene."""
@@ -43,9 +40,6 @@ class BoxImages(MirrorImages):
         self.places = mi.Float(np.array(places, dtype=np.float32))
         self.index = mi.Float(scene.pad.index)
         mirrors = mirror_faces(scene)
-        if scene.window_refracts and not self.over_bond:
-            # What the bond bends has no image on a straight line.
-            mirrors[LOWER] = False
         faces = [FACES.index(face) for face in ("left", "right", "base", "tip", "lower")]
         there = np.ones(9, dtype=np.float32)
         there[[1, 2, 4, 5, 7]] = mirrors[faces]
@@ -74,7 +68,7 @@ class BoxImages(MirrorImages):
     def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one."""
         direction, spread = self.line(image, a.p, y.p)
-        sent = -self.folded(image, direction)
+        sent = -self.arriving(image, direction, y.p)
         weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / dr.maximum(spread, 1e-6)
         facing = dr.maximum(dr.dot(y.n, sent), COSINE_MIN)
         weight *= dr.select(y.volume, 1.0, facing)
@@ -94,7 +88,7 @@ class BoxImages(MirrorImages):
         self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
-        image = mi.UInt32(1)
+        image = mi.UInt32(self.first)
         drawn = OneNumberReservoir.drawing(mi.UInt32(0), number)
         while image < self.count:
             drawn = drawn.offered(image, self._weight(image, a, y))
@@ -104,7 +98,7 @@ class BoxImages(MirrorImages):
     @dr.syntax
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return the probability with which ``draw`` finds ``image``."""
-        other, total = mi.UInt32(1), mi.Float(0.0)
+        other, total = mi.UInt32(self.first), mi.Float(0.0)
         while other < self.count:
             total += self._weight(other, a, y)
             other += 1

@@ -166,7 +166,7 @@ class PadSampler:
         mirrors = mirror_faces(scene)
         bonded = scene.window_refracts
         self.images: MirrorImages | None = None
-        if bonded and mirrors[LOWER]:
+        if bonded:
             self.images = BondedImages(scene)
         elif mirrors.any():
             if self.mirror.curved:
@@ -175,7 +175,7 @@ class PadSampler:
                 repeats = any(repeating_axes(scene))
                 self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
         self.lamp_images: LampImages | None = None
-        if self.images and not self.mirror.curved and has_lamp_images(scene):
+        if mirrors.any() and not self.mirror.curved and has_lamp_images(scene):
             self.lamp_images = LampImages(scene, self.light)
         # Over a lower face without exact images directions are drawn near the mirror image.
         # No such lobe passes a bond that refracts.

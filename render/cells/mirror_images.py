@@ -92,6 +92,8 @@ class MirrorImages(ABC):
     """
 
     sizes: tuple[int, ...]
+    first: int = 1
+    """The first image that is drawn: 0, without mirrors, is mostly a straight connection."""
     repeated: int = 0
     """Events of numbers that `draw` takes for images over facing mirrors (``RepeatedImages``)."""
     index: mi.Float
@@ -141,12 +143,22 @@ class MirrorImages(ABC):
     def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
         """Return the number of the plane that an image over one mirror takes."""
 
-    def connected(self, y: Vertex) -> mi.Bool:
-        """Return whether facets are connected to the images of ``y``."""
-        return mi.Bool(True)
+    def arriving(self, image: mi.UInt32, direction: mi.Vector3f, p: mi.Point3f) -> mi.Vector3f:
+        """Return how a line to the image of ``p`` arrives at ``p`` that begins by ``direction``."""
+        return self.folded(image, direction)
 
-    def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
-        """Follow a line along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
+    def reaches(self, image: mi.UInt32, p: mi.Point3f) -> mi.Bool:
+        """Return whether ``p`` is connected over the mirrors of ``image``, and not straight."""
+        return image > 0
+
+    def square_of_index(self, p: mi.Point3f) -> mi.Float:
+        """Return the squared index at ``p`` over that at the facet."""
+        return mi.Float(1.0)
+
+    def follow(
+        self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, y: Vertex, going: mi.Bool
+    ) -> FoldedLine:
+        """Follow a line to ``y`` along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
         mirror = self._mirror(b)
         rest = self._without(left, mirror)
         meets = going & (mirror > 0) & (rest < self.count)
@@ -254,12 +266,11 @@ class MirrorImages(ABC):
         active = active & (y.weight > 0) & (a.weight > 0)
         image, probability = self.draw(a, y, number, candidates)
         direction, spread = self.line(image, a.p, y.p)
-        w = -self.folded(image, direction)
+        w = -self.arriving(image, direction, y.p)
         f_a, p_a, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         p_a = guided_pdf(guiding, a, direction, p_a)
         f_y, _, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
         active = active & (probability > 0) & (dr.max(f_a) > 0) & (dr.max(f_y) > 0)
-        active = active & self.connected(y)
         # --------------------- Along the folded line, mirror by mirror ----------------
         here, d = a, mi.Vector3f(direction)
         left, depth = mi.UInt32(image), mi.Spectrum(0.0)
@@ -267,7 +278,7 @@ class MirrorImages(ABC):
         going = mi.Bool(active)
         while going:
             b, further, hit = trace_to_surface(scene, here, d, going)
-            line = self.follow(b, d, left, going & hit)
+            line = self.follow(b, d, left, y, going & hit)
             meets = line.meets
             active = active & (~going | meets)
             reflectance *= dr.select(meets, line.reflected, 1.0)
@@ -282,7 +293,9 @@ class MirrorImages(ABC):
         # --------------------- Balance heuristic --------------------------------------
         camera_y = density_at(y, w, p_a * chance, transmittance, active) / spread
         strategies = probability + camera_y * strategies_before(y, r_y, returning)
+        # Spread for light that goes the other way.
         value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / spread
+        value /= self.square_of_index(y.p)
         value *= y.weight * a.weight / strategies
         return dr.select(active & clear, value, 0.0)
 
@@ -295,7 +308,7 @@ class MirrorImages(ABC):
         The latter is the ratio of image connections to the facet over what the camera subpath
         does, where there are any: 0 otherwise. ``connected``: light subpaths connect ``v``.
         """
-        useful = chain.open & connected & (chain.image > 0) & self.connected(v)
+        useful = chain.open & connected & self.reaches(chain.image, v.p)
         probability = mi.Float(0.0)
         if useful:
             probability = self.probability(chain.image, facet, v)

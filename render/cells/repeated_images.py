@@ -68,7 +68,7 @@ class RepeatedImages(BoxImages):
         super().__init__(scene)
         self.axes = repeating_axes(scene)
         self.repeated = 2 * sum(self.axes)
-        self.lower = bool(mirror_faces(scene)[FACES.index("lower")]) and not scene.window_refracts
+        self.lower = bool(mirror_faces(scene)[FACES.index("lower")])
         # Plane 8 is the upper face of the layer.
         places = np.array(self.places)
         places[8] = scene.box.high[2]

@@ -213,6 +213,12 @@ CASES: dict[str, dict[str, Any]] = {
             painted("black", "base"),
         ],
     },
+    "window beside a rough base": {
+        "pad.index": (1.7,), "window": window(1.72, 4.0), "faces": [rough(0.3, "base")],
+        "rows": [
+            row("tip", 1, gap=-0.7, tilt=-7.0, profile={"sigma_v": (10.0, DEG)}, turns=False)
+        ],
+    },
     "window with white walls": {
         "window": window(1.49, 4.0), "faces": [painted("white", "right", "base", reflectance=0.85)],
         **BELOW_THE_PAD,

@@ -33,6 +33,7 @@ FAST = (
     "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
     "cast into a rim rough 0.1", "mixed 5", "mixed 20", "window lit at its edges",
     "window of low index under the lamps", "window with white walls",
+    "window beside a rough base",
 )  # fmt: skip
 
 BENT = "smooth bent 45"

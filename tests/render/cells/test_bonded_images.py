@@ -1,4 +1,4 @@
-"""Images over the lower face of a window, through the bond: choice, way and what they carry."""
+"""Images through the bond of a window, and over its lower face: choice, way and light."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_images_are_drawn_with_the_probability_that_is_stated(mono: ModuleType, 
     number = mono.Float(np.random.default_rng(3).random(count).astype(np.float32))
     drawn, stated = (np.array(each) for each in images.draw(a, y, number))
     total = 0.0
-    for image in range(1, images.count):
+    for image in range(images.count):
         here = images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))
         probability = float(dr.slice(here))
         total += probability
@@ -42,21 +42,51 @@ def test_light_over_the_lower_face_is_what_snell_and_fresnel_say(
     count = 1 << 14
     values = connected(mono, scene, BondedImages(scene), count)
     half = np.array([scene.pad.width, scene.pad.length]) / 2
+    assert scene.window is not None
     total = 0.0
     for x in (Y[0], -2 * half[0] - Y[0], 2 * half[0] - Y[0]):
         for along in (Y[1], -2 * half[1] - Y[1], 2 * half[1] - Y[1]):
             # Without the lower face the way would lie in the coating.
-            total += carried(scene, np.array([x, along]) - A[:2], half)
+            total += carried(
+                scene, np.array([x, along]) - A[:2], half, 2 * A[2], 2 * scene.window.thickness
+            )
     error = values.std() / np.sqrt(count)
     assert error < 0.02 * total
     assert abs(values.mean() - total) < 4 * error + 1e-3 * total
 
 
-def carried(scene: Scene, across: np.ndarray, half: np.ndarray) -> float:
-    """Return the light between two points of diffuse skin, ``across`` (mm) in the unfolded pad."""
+@pytest.mark.parametrize("case", CASES)
+def test_paint_around_the_window_is_seen_through_the_bond_and_over_the_lower_face(
+    mono: ModuleType, case: str
+) -> None:
+    """It is paint on the base, at -12 mm, of which no wall but the others shows images."""
+    scene = scene_of_case(case)
+    assert scene.window is not None
+    count, thickness = 1 << 14, scene.window.thickness
+    place = [-6.0, -11.99, -1.2]
+    values = connected(mono, scene, BondedImages(scene), count, place, (0.0, 1.0, 0.0))
+    half = np.array([scene.pad.width, scene.pad.length]) / 2
+    total = 0.0
+    for x in (place[0], -2 * half[0] - place[0], 2 * half[0] - place[0]):
+        for along in (place[1], 2 * half[1] - place[1]):
+            for down in (-place[2], 2 * thickness + place[2]):
+                across = np.array([x, along]) - A[:2]
+                total += carried(scene, across, half, A[2], down, base=True)
+    error = values.std() / np.sqrt(count)
+    assert error < 0.02 * total
+    assert abs(values.mean() - total) < 4 * error + 1e-3 * total
+
+
+def carried(
+    scene: Scene, across: np.ndarray, half: np.ndarray, up: float, down: float, base: bool = False
+) -> float:
+    """Return the light between two diffuse points, ``across`` (mm) in the unfolded pad.
+
+    It goes through ``up`` mm of the pad and ``down`` mm of the window, to the skin or to paint on
+    the ``base`` around the window.
+    """
     assert scene.window is not None
     pad, window = scene.pad.index, scene.window.index
-    up, down = 2 * A[2], 2 * scene.window.thickness
     reach = float(np.hypot(*across))
 
     def lateral(angle: float) -> float:
@@ -67,11 +97,21 @@ def carried(scene: Scene, across: np.ndarray, half: np.ndarray) -> float:
     angle = brentq(lambda t: lateral(t) - reach, 0.0, last - 1e-9, xtol=1e-14)
     step = 1e-6
     slope = (lateral(angle + step) - lateral(angle - step)) / (2 * step)
-    spread = reach * slope * np.cos(angle) / np.sin(angle)
     within = np.arcsin(pad * np.sin(angle) / window)
-    light = (1 - fresnel(np.cos(angle), pad / window)) ** 2 * fresnel(np.cos(within), window)
+    passed = 1 - fresnel(np.cos(angle), pad / window)
+    area = reach * slope / np.sin(angle)
+    if base:
+        # Per solid angle in the window.
+        spread = area * np.cos(within) * (window / pad) ** 2
+        arriving = abs(across[1]) / reach * np.sin(within)
+        over_lower = down > scene.window.thickness
+        light = passed * (fresnel(np.cos(within), window) if over_lower else 1.0)
+        crossed = (up * np.tan(angle), reach)
+    else:
+        spread, arriving = area * np.cos(angle), np.cos(angle)
+        light = passed**2 * fresnel(np.cos(within), window)
+        crossed = (0.5 * up * np.tan(angle), 0.5 * up * np.tan(angle) + down * np.tan(within))
     # Walls reflect in the medium in which they are met.
-    crossed = (0.5 * up * np.tan(angle), 0.5 * up * np.tan(angle) + down * np.tan(within))
     for axis in (0, 1):
         wall = np.sign(across[axis]) * half[axis] - A[axis]
         if abs(across[axis]) > abs(wall):
@@ -79,7 +119,7 @@ def carried(scene: Scene, across: np.ndarray, half: np.ndarray) -> float:
             in_window = crossed[0] < wall / part < crossed[1]
             sine = np.sin(within if in_window else angle)
             light *= fresnel(abs(part * sine), window if in_window else pad)
-    return float((0.5 / np.pi) ** 2 * np.cos(angle) ** 2 * light / spread)
+    return float((0.5 / np.pi) ** 2 * np.cos(angle) * arriving * light / spread)
 
 
 def fresnel(cosine: float, index: float) -> float:

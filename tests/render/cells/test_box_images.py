@@ -16,25 +16,35 @@ from render.paths.vertex import Vertex, empty_vertex
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
+DOWN = (0.0, 0.0, -1.0)
 
-def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
+
+def on_coating(
+    mono: ModuleType, place: list[float], count: int = 1, n: tuple[float, float, float] = DOWN
+) -> Vertex:
     v = empty_vertex()
     v.p = mono.Point3f(*[mono.Float([c] * count) for c in place])
-    v.n = mono.Normal3f(0, 0, -1)
+    v.n = mono.Normal3f(*n)
     v.diffuse, v.weight = mono.Bool(True), mono.Float(1.0)
     return v
 
 
-def connected(mono: ModuleType, scene: Scene, images: BoxImages, count: int) -> np.ndarray:
-    """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time."""
+def connected(
+    mono: ModuleType, scene: Scene, images: BoxImages, count: int, place: list[float] | None = None,
+    normal: tuple[float, float, float] = DOWN,
+) -> np.ndarray:  # fmt: skip
+    """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time.
+
+    ``place`` and ``normal`` are those of paint in the place of `Y`.
+    """
     pad: Any = pad_scene(scene, 0.0, False)
     # Pointers do not keep it alive.
     bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
-    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
+    a, y = on_coating(mono, A, count), on_coating(mono, place or Y, count, normal)
     for v in (a, y):
         v.bsdf = mono.BSDFPtr(bsdf)
-        v.frame = mono.Frame3f(mono.Vector3f(0, 0, -1))
-        v.wi = mono.Vector3f(0.0, 0.0, -1.0)
+        v.frame = mono.Frame3f(mono.Vector3f(v.n))
+        v.wi = mono.Vector3f(v.n)
         v.beta = mono.Spectrum(1.0)
         v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
