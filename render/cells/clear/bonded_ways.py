@@ -95,7 +95,7 @@ LEVELS = (
     _Level(1, 0, 0, False, True), _Level(1, 1, 0, False, True),
 )  # fmt: skip
 """The ways along z that are known, by their number."""
-IN_PAD, OVER_LOWER, IN_WINDOW, _, BY_BOND = range(5)
+OVER_LOWER, IN_WINDOW = 1, 2
 LOWER_SIDE = side_of(LOWER)
 MISSED = 1e-3
 """mm by which the line that Snell's law bends may miss the point on the lamp."""
