@@ -40,8 +40,8 @@ class Way:
     """How light comes from the lamp, and the ``share`` of the directions that aim so.
 
     Reflected in a ``wall`` beside it (-1, 1: which; 0: none), in the ``opposite`` one (-1: before
-    and behind a lamp below the pad), in the lower face (``mirrored``), or through the lower face
-    from ``below``.
+    and behind a lamp below the pad), in the lower face (``mirrored``) or ``by_bond``, that of a
+    window of another index, or through the lower face from ``below``.
     """
 
     share: float
@@ -49,6 +49,7 @@ class Way:
     opposite: int = 0
     mirrored: bool = False
     below: bool = False
+    by_bond: bool = False
 
 
 class LampAim:
@@ -81,6 +82,9 @@ class LampAim:
             ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
         if lowest < scene.box.low[2]:
             ways.append(Way(0.2, below=True))
+        if scene.window_refracts:
+            ways += [Way(0.06 if wall == 0 else 0.02, wall, by_bond=True) for wall in (0, -1, 1)]
+            ways.append(Way(0.02, opposite=1, by_bond=True))
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
         self.inside = mi.Bool(inside) if inside.any() else None
@@ -110,7 +114,7 @@ class LampAim:
     ) -> mi.Vector3f:
         """Return directions from points ``a`` at the end of ``fiber``; ``pick`` draws the way."""
         wall, opposite = mi.Float(0.0), mi.Float(0.0)
-        mirrored, below = mi.Bool(False), mi.Bool(False)
+        mirrored, below, by_bond = mi.Bool(False), mi.Bool(False), mi.Bool(False)
         total = 0.0
         for way in self.ways:
             chosen = pick >= total
@@ -118,8 +122,9 @@ class LampAim:
             opposite = dr.select(chosen, float(way.opposite), opposite)
             mirrored = dr.select(chosen, way.mirrored, mirrored)
             below = dr.select(chosen, way.below, below)
+            by_bond = dr.select(chosen, way.by_bond, by_bond)
             total += way.share
-        lobe, unfold = self._lobe(fiber, a, wall, opposite, mirrored, below)
+        lobe, unfold = self._lobe(fiber, a, wall, opposite, mirrored, below, by_bond)
         return unfold(lobe.sample(x, y))
 
     def density(self, fiber: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
@@ -146,12 +151,12 @@ class LampAim:
     def _lobe_of(self, fiber: mi.UInt32, a: mi.Point3f, way: Way) -> tuple[ReflectionLobe, _Unfold]:
         return self._lobe(
             fiber, a, mi.Float(way.wall), mi.Float(way.opposite), mi.Bool(way.mirrored),
-            mi.Bool(way.below),
+            mi.Bool(way.below), mi.Bool(way.by_bond),
         )  # fmt: skip
 
     def _lobe(
         self, fiber: mi.UInt32, a: mi.Point3f, wall: mi.Float, opposite: mi.Float,
-        mirrored: mi.Bool, below: mi.Bool,
+        mirrored: mi.Bool, below: mi.Bool, by_bond: mi.Bool,
     ) -> tuple[ReflectionLobe, _Unfold]:  # fmt: skip
         """Return the lobe about the lamp as seen from the unfolded ``a``, and the unfolding."""
         foot, along, inward, lamp, far_axis = (
@@ -179,7 +184,9 @@ class LampAim:
         seen += dr.select(by_far, ahead, 0.0) * far_axis
         image, normal = self.mirror.image(seen, mi.Point3f(foot))
         seen = dr.select(mirrored, image, seen)
-        unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored)])
+        # The bond lies at z = 0.
+        seen = dr.select(by_bond, mi.Point3f(seen.x, seen.y, -seen.z), seen)
+        unfold = _Unfold([(along, by_wall), (far_axis, by_far), (normal, mirrored | by_bond)])
         # ------------------------- Snell's law at the face -----------------------------
         blur = dr.select(mirrored, 1.4 * lower, 0.0)
         if self.bonded is not None:

@@ -134,6 +134,20 @@ def test_a_third_of_the_directions_over_a_bond_meet_the_lamp(
         assert 0.3 < met / count < 0.8
 
 
+def test_lamps_in_the_silicone_are_aimed_at_where_the_bond_shows_them(mono: ModuleType) -> None:
+    scene, count = scene_of_case("cast in over a window"), 400
+    poses, a = fiber_poses(scene, 0.0), facets(scene, 0.0).site_position[1]
+    aim = aim_of(scene)
+    _, x, y = numbers(mono, count, 3)
+    (way,) = [way for way in aim.ways if way.by_bond and not way.wall and not way.opposite]
+    for number in range(scene.lamp_count):
+        fiber = mono.UInt32(np.full(count, number, dtype=np.uint32))
+        drawn = np.array(aim.sample_way(fiber, lanes(mono, a, count), way, x, y), dtype=np.float64)
+        span = poses.position[number] * [1.0, 1.0, -1.0] - a
+        off = np.linalg.norm(span[:, None] - (span @ drawn) * drawn, axis=0)
+        assert (off < poses.radius[number]).mean() > 1 / 3
+
+
 def beyond_the_wall(
     scene: Scene, a: np.ndarray, d: np.ndarray, lamp: np.ndarray, foot: np.ndarray
 ) -> np.ndarray:
