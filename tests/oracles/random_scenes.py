@@ -27,6 +27,13 @@ def random_scene(seed: int) -> Scene:
     return Scene.model_validate(random_content(seed))
 
 
+def with_beams(seed: int, width: float) -> Scene:
+    """Return the sensor number ``seed``, of fibers, with beams of ``width`` deg."""
+    content = random_content(seed)
+    content["fibers"]["sigma_v"]["value"] = width  # type: ignore[index]
+    return Scene.model_validate(content)
+
+
 def random_content(seed: int) -> dict[str, object]:
     """Return what a scene file of the sensor number ``seed`` holds."""
     rng = np.random.default_rng([2026, seed])
