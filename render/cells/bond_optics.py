@@ -99,13 +99,20 @@ def way_through_bond(
     pad_length, window_length = dr.hypot(by_pad, pad), dr.hypot(by_window, window)
     cos_1, cos_2 = pad / pad_length, window / window_length
     scale = by_pad / (reach * pad_length)
-    # Lateral ways per angle in the pad, in the plane of incidence and across it.
-    aside = pad_length + window_length / ratio
-    within = pad / dr.square(cos_1) + window * cos_1 / (ratio * cos_2 * dr.square(cos_2))
     return LayeredWay(
         mi.Vector3f(across.x * scale, across.y * scale, -cos_1), cos_1, cos_2, pad_length,
-        window_length, aside * cos_1 * within,
+        window_length, way_spread(bond, pad, window, cos_1, cos_2),
     )  # fmt: skip
+
+
+def way_spread(
+    bond: WindowBond, pad: mi.Float, window: mi.Float, pad_cos: mi.Float, window_cos: mi.Float
+) -> mi.Float:
+    """Return the ``spread`` of a `LayeredWay` across heights ``pad`` and ``window`` (mm)."""
+    # Lateral ways per angle in the pad, in the plane of incidence and across it.
+    aside = pad / pad_cos + window / (window_cos * bond.ratio)
+    bent = window * pad_cos / (bond.ratio * window_cos * dr.square(window_cos))
+    return aside * pad_cos * (pad / dr.square(pad_cos) + bent)
 
 
 @dataclass

@@ -86,7 +86,7 @@ class BondedImages(BoxImages):
         """Return the index on the inner side of a face at ``p``."""
         return self.bond.index_at(p)
 
-    def _at_bond(self, v: Vertex) -> mi.Bool:
+    def at_bond(self, v: Vertex) -> mi.Bool:
         """Return whether ``v`` lies in the bond."""
         return v.delta & (dr.abs(v.n.z) > 1.0 - ON_FACE) & (dr.abs(v.p.z) < ON_FACE)
 
@@ -94,7 +94,7 @@ class BondedImages(BoxImages):
         self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, y: Vertex, going: mi.Bool
     ) -> FoldedLine:
         """Follow a line, through the bond where it meets that."""
-        line, bond = super().follow(b, d, left, y, going), going & self._at_bond(b)
+        line, bond = super().follow(b, d, left, y, going), going & self.at_bond(b)
         onward, passed = through_bond(d, self.bond.ratio)
         # Down to the lower face or to what lies below, else up.
         ends_below = y.p.z < 0
@@ -108,7 +108,7 @@ class BondedImages(BoxImages):
 
     def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
         """Return ``chain`` with what it meets at ``v``; the bond leaves it open."""
-        following, bond = super().extend(chain, v, d), self._at_bond(v)
+        following, bond = super().extend(chain, v, d), self.at_bond(v)
         _, passed = through_bond(d, self.bond.ratio)
         following.open = dr.select(bond, chain.open, following.open)
         following.chance = dr.select(bond, chain.chance * passed, following.chance)
@@ -116,4 +116,4 @@ class BondedImages(BoxImages):
 
     def broken(self, v: Vertex, refracted: mi.Bool) -> mi.Bool:
         """Return whether a chain ends at ``v``: the bond is passed and mirrors reflect."""
-        return refracted ^ self._at_bond(v)
+        return refracted ^ self.at_bond(v)

@@ -24,7 +24,7 @@ from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, Met
 from render.cells.lamp_images import NO_IMAGE
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.cells.mirror_images import ImageChain, MirrorImages
+from render.cells.mirror_images import FoldedWay, ImageChain, MirrorImages
 from render.paths.connect import connect_vertices, mirror_connection
 from render.paths.mirrors import KeptVertex, SubpathTail, mirror_ratio, shared_d_vcm
 from render.paths.vertex import (
@@ -104,9 +104,9 @@ def trace_facet_subpath(
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     followed = mi.UInt32(0)  # events that an aimed subpath would have taken
-    # The last diffuse surface, how it was left, and mm since then, all over mirrors or not.
+    # The last diffuse surface, how it was left, and the way since then, all over mirrors or not.
     launch, launched, launched_d_vcm = mi.Point3f(0.0), mi.Vector3f(0.0), mi.Float(0.0)
-    later, travelled, mirrored = mi.Bool(False), mi.Float(0.0), mi.Bool(False)
+    later, travelled, mirrored = mi.Bool(False), FoldedWay.none(), mi.Bool(False)
     while active:
         segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -124,7 +124,8 @@ def trace_facet_subpath(
                 segment.later, segment.launch = mi.Bool(later), mi.Point3f(launch)
                 segment.launch_d_vcm = mi.Float(launched_d_vcm)
                 straight &= segment.image == NO_IMAGE
-                travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
+                length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
+                travelled = travelled.on(segment.d, length)
             followed += dr.select(behind, mi.UInt32(1), 0)
             straight &= followed < AIMED_EVENTS
             segment.beta *= dr.select(straight, share, 1.0)
@@ -189,7 +190,8 @@ def trace_facet_subpath(
             launch = dr.select(launches, v.p, launch)
             launched = dr.select(launches, state.d, launched)
             launched_d_vcm = dr.select(launches, state.d_vcm, launched_d_vcm)
-            travelled = dr.select(launches, 0.0, travelled)
+            travelled = travelled.through(v, state.d, arrived & v.delta)
+            travelled = dr.select(launches, FoldedWay.none(), travelled)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     for kept in (glossy, end):

@@ -20,6 +20,7 @@ import mitsuba as mi
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim, Way
 from render.cells.lamp_images import NO_IMAGE, LampImages
+from render.cells.mirror_images import FoldedWay
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -114,16 +115,16 @@ class Lamp:
         return self.light.passed(self.fiber, begin, segment.d, length)
 
     def image(
-        self, later: mi.Bool, launch: mi.Point3f, launched: mi.Vector3f, travelled: mi.Float,
+        self, later: mi.Bool, launch: mi.Point3f, launched: mi.Vector3f, way: FoldedWay,
         begin: mi.Point3f, d: mi.Vector3f,
     ) -> mi.UInt32:  # fmt: skip
         """Return which image of the lamp a subpath meets that passes through it from ``begin``.
 
-        It left ``launch`` in the direction ``launched`` and came ``travelled`` mm over mirrors.
+        It left ``launch`` in the direction ``launched`` and came a ``way`` over mirrors.
         """
         assert self.images is not None
-        way = travelled + self.light.distance(self.fiber, begin, d)
-        return self.images.along(self.fiber, later, launch, way * launched)
+        way = way.on(d, self.light.distance(self.fiber, begin, d))
+        return self.images.along(self.fiber, later, launch, launched, way)
 
     def met(self, segment: MetLamp) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
@@ -226,7 +227,7 @@ class AimedSubpaths:
         )
         active = active & (dr.max(value) > 0)
         met = MetLamp.none()
-        count, travelled = mi.UInt32(1), mi.Float(0.0)
+        count, travelled = mi.UInt32(1), FoldedWay.none()
         # Without a face between, a facet is joined to a lamp in the pad (s = 1).
         late = mi.Bool(True)
         if self.lamp.light.cast_in is not None:
@@ -241,7 +242,8 @@ class AimedSubpaths:
                     mi.Bool(False), facet.p, direction, travelled, begin, segment.d
                 )
                 passed &= image == NO_IMAGE
-                travelled += dr.norm(dr.select(arrived, v.p, state.o) - begin)
+                length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
+                travelled = travelled.on(segment.d, length)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta
@@ -250,6 +252,8 @@ class AimedSubpaths:
                 state, v, mi.TransportMode.Radiance, stream.event(event + count), going
             )
             state.d_vcm, state.d_vc = mi.Float(0.0), mi.Float(0.0)
+            if self.lamp.images is not None:
+                travelled = travelled.through(v, state.d, going)
             count += 1
             active &= ~escaped & (~arrived | (going & alive)) & (count < AIMED_EVENTS)
         return met

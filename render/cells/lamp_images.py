@@ -10,15 +10,13 @@ heuristic (Veach 1997, sec. 9.2) compares that with the subpaths that meet it.
 So are the diffuse vertices behind the facet, for light that goes from the skin over such walls to
 the facet: connections to light subpaths know one wall of each pair. There light subpaths compete.
 
-An image is the cell of the unfolded pad that it lies in (``render.cells.clear.unfolded_cells``),
-packed into one number. Near ones are drawn from a table, by what they send, and far ones by a
+An image is the cell of the unfolded pad that it lies in (``render.cells.lamp_cells``), packed
+into one number. Near ones are drawn from a table, by what they send, and far ones by a
 formula (``render.cells.far_cells``). The nearest are left to ``LampAim`` at the facet, not at
 vertices that come *later*.
 """
 
 from __future__ import annotations
-
-from typing import TypeVar
 
 import drjit as dr
 import mitsuba as mi
@@ -26,37 +24,34 @@ import numpy as np
 
 from render.cells.far_cells import FarCells, has_far_cells
 from render.cells.fiber_light import FiberLight, LampRay
-from render.cells.mirror_images import mirror_faces
+from render.cells.lamp_cells import (
+    CELL_MAX,
+    CODES,
+    DEPTHS,
+    IN_WINDOW,
+    ORIGIN,
+    RIM_SHARE,
+    STEP,
+    UP,
+    aimed_cells,
+    cast_in,
+    code_of,
+    far_levels,
+    lamp_cells,
+    met_until,
+    over_a_rim,
+    packed,
+)
+from render.cells.mirror_images import FoldedWay, MirrorImages
 from render.cells.repeated_images import RepeatedImages
-from render.geometry import LOWER
 from render.paths.connect import area_factor, optical_depth, trace_to_surface
 from render.paths.vertex import Vertex, channel_mean, empty_vertex, evaluate_scattering
 from render.paths.walk import GuidingDistribution, guided_pdf
 from render.sampling.streams import Numbers
-from render.scene import FACES, Scene
+from render.scene import Scene
 
-Integers = TypeVar("Integers", np.ndarray, "mi.Int32")
-"""Of numpy or of Dr.Jit: one formula numbers both."""
-
-CELL_MAX = 40
-"""Cells up to it, in either direction, are in the table; those beyond are far."""
-CELLS = 2 * CELL_MAX + 1
-UP, DEPTHS = 2, 10
-"""Cells in z, 2 to -7: the lower face may reflect, and in turn with it the top of a rim."""
-RIM_CELL_MAX = 20
-"""Cells in x and y where the top of a rim has reflected, and it or the lower face twice."""
-RIM_FAR = 0.2
-"""What of the far cells are those where it has reflected."""
-RIM_SHARE = 0.05
-"""What of the coating sees those, about: the top of a rim is narrow."""
-CODES = DEPTHS * CELLS**2
-"""Near cells, numbered in the table."""
-ORIGIN, STEP = 1 << 11, 1 << 12
-"""x and y of a cell are packed as so much more, so much apart; more than ``RING_MAX`` is none."""
 NO_IMAGE = (1 << 32) - 1
 """What stands for no image."""
-AIMED_CELL_MAX = 1
-"""Cells up to here are known to ``LampAim``, for facets."""
 LEAST_SHARE = 1e-7
 """Part of the light of a lamp's images below which one is left to camera subpaths."""
 SLOTS = 1 << 17
@@ -76,24 +71,26 @@ class LampImages:
 
     def __init__(self, scene: Scene, light: FiberLight) -> None:
         """List the images and weigh them on a grid of points of the coating."""
-        # These have the top of a rim as well.
-        self.light, self.mirrors = light, RepeatedImages(scene)
+        self.light, self.mirrors = light, self._mirrors(scene)
         self.lamps = scene.lamp_count
         low, high = scene.box.low, scene.box.high
-        cells = _cells(scene)
-        lamps = np.flatnonzero(_cast_in(scene)).tolist()
+        cells = lamp_cells(scene)
+        lamps = np.flatnonzero(cast_in(scene)).tolist()
         self._low, self._size = mi.Vector3f(*low.tolist()), mi.Vector3f(*(high - low).tolist())
         dr.make_opaque(self._low, self._size)
-        images, codes = _packed(*cells.T).astype(np.uint32), _code(*cells.T)
+        images, codes = packed(*cells.T).astype(np.uint32), code_of(*cells.T)
         self._far_cells: FarCells | None = None
         reaches_far = np.abs(cells[:, :2]).max(axis=0).min() == CELL_MAX
         if reaches_far and has_far_cells(scene):
-            self._far_cells = FarCells(scene, CELL_MAX + 1, _far_levels(cells))
+            self._far_cells = FarCells(scene, CELL_MAX + 1, far_levels(scene, cells))
         # Those of facets, and of later vertices.
         drawn = np.full((2, self.lamps, SLOTS), NO_IMAGE, dtype=np.uint32)
         chosen = np.zeros((2, self.lamps, CODES + 1), dtype=np.float32)
         far = np.zeros((2, self.lamps), dtype=np.float32)
-        aimed, outer = _aimed(cells), np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER
+        aimed, outer = (
+            aimed_cells(scene, cells),
+            np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER,
+        )
         for lamp in lamps:
             strength = self._strengths(scene, lamp, images, cells)
             for later in (0, 1):
@@ -137,27 +134,43 @@ class LampImages:
         level = mi.Float(0.0)
         for value in ray.radiance:
             level += value / len(ray.radiance)
-        sent = level * self.reflected(image, direction) / dr.square(distance)
+        sent = level * self.reflected(image, p, direction) / dr.square(distance)
         sent *= dr.maximum(-direction.z, COSINE_MIN)
         strength = np.array(sent, dtype=np.float64).reshape(len(images), points).mean(axis=1)
-        strength[_over_a_rim(cells)] *= RIM_SHARE
+        strength[over_a_rim(scene, cells)] *= RIM_SHARE
+        if scene.window_refracts:
+            in_window = scene.placed_lamps()[lamp].solid == "window"
+            strength[(cells[:, 2] <= -IN_WINDOW) != in_window] = 0.0
         return strength
+
+    def _mirrors(self, scene: Scene) -> MirrorImages:
+        """Return the faces that reflect; these have the top of a rim as well."""
+        return RepeatedImages(scene)
 
     # -- which image ----------------------------------------------------------------------------
 
     def along(
-        self, lamp: mi.UInt32, later: mi.Bool, a: mi.Point3f, direction: mi.Vector3f
-    ) -> mi.UInt32:
-        """Return the image of ``lamp`` that is met on the way from ``a`` by ``direction`` (mm).
+        self, lamp: mi.UInt32, later: mi.Bool, a: mi.Point3f, direction: mi.Vector3f,
+        way: FoldedWay,
+    ) -> mi.UInt32:  # fmt: skip
+        """Return the image of ``lamp`` that is met on a ``way`` that left ``a`` in a direction.
 
-        That is unfolded, and as long as the way is. ``NO_IMAGE`` where there is none that is drawn.
+        ``NO_IMAGE`` where there is none that is drawn.
         """
-        end = (a + direction - self._low) / self._size
-        x, y, z = (dr.floor(end[i]) for i in range(3))
+        each = way.across / dr.maximum(dr.hypot(direction.x, direction.y), 1e-9)
+        x, y = (
+            dr.floor((a[i] + each * direction[i] - self._low[i]) / self._size[i]) for i in (0, 1)
+        )
+        z = self._level(mi.Int32(way.levels), mi.Int32(way.bonds))
+        z = dr.select(direction.z < 0, -z, z)
         known = (dr.abs(x) < ORIGIN) & (dr.abs(y) < ORIGIN) & (z <= UP) & (z > UP - DEPTHS)
         x, y, z = (dr.select(known, each, 0.0) for each in (x, y, z))
-        image = mi.UInt32(_packed(mi.Int32(x), mi.Int32(y), mi.Int32(z)))
+        image = mi.UInt32(packed(mi.Int32(x), mi.Int32(y), mi.Int32(z)))
         return dr.select(known & (self.probability(lamp, later, image) > 0), image, NO_IMAGE)
+
+    def _level(self, levels: mi.Int32, bonds: mi.Int32) -> mi.Int32:
+        """Return by how many cells of z a way is unfolded; one over a bond has no image here."""
+        return dr.select(bonds == 0, levels, DEPTHS)
 
     def drawn(self, lamp: mi.UInt32, later: mi.Bool, numbers: Numbers) -> mi.UInt32:
         """Return an image of ``lamp`` for uniform ``numbers``."""
@@ -170,7 +183,7 @@ class LampImages:
         if self._far_cells is None:
             return image
         x, y, z, there = self._far_cells.drawn(distance, place, sign)
-        beyond = dr.select(there, mi.UInt32(_packed(x, y, z)), NO_IMAGE)
+        beyond = dr.select(there, mi.UInt32(packed(x, y, z)), NO_IMAGE)
         return dr.select(number < far, beyond, image)
 
     def probability(self, lamp: mi.UInt32, later: mi.Bool, image: mi.UInt32) -> mi.Float:
@@ -178,7 +191,7 @@ class LampImages:
         row = self._table(lamp, later)
         x, y, z = self._cell(image)
         near = (dr.abs(x) <= CELL_MAX) & (dr.abs(y) <= CELL_MAX)
-        code = dr.select(near, _code(x, y, z), CODES)
+        code = dr.select(near, code_of(x, y, z), CODES)
         chosen = dr.gather(mi.Float, self._chosen, row * (CODES + 1) + mi.UInt32(code))
         if self._far_cells is None:
             return chosen
@@ -196,19 +209,26 @@ class LampImages:
         return [mi.Int32(level // STEP) - ORIGIN, mi.Int32(level % STEP) - ORIGIN, z]
 
     def reflected(
-        self, image: mi.UInt32, direction: mi.Vector3f, *, chance: bool = False
+        self, image: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f, *, chance: bool = False
     ) -> mi.Float:
-        """Return what all mirrors on the way reflect, or the chance to be reflected by them."""
+        """Return what all mirrors on the way reflect, or the chance to be reflected by them.
+
+        The way leaves ``a`` along ``direction``.
+        """
         through = mi.Float(1.0)
         for axis, cell in enumerate(self._cell(image)):
-            times = dr.abs(cell)
-            # The side that the way goes to is the first to reflect.
-            upper = (times + dr.select(cell > 0, 1, 0)) // 2
-            for side, met in enumerate((times - upper, upper)):
-                both = self.mirrors.met_at(mi.UInt32(3 * axis + 1 + side), direction[axis])
-                once, count = both[1] if chance else both[0], mi.Float(met)
-                through *= dr.select(count > 0, dr.power(once, count), 1.0)
+            for side, times in enumerate(met_until(cell)):
+                through *= self._reflected_often(axis, side, times, direction[axis], chance)
         return through
+
+    def _reflected_often(
+        self, axis: int, side: int, times: mi.Int32, cosine: mi.Float, chance: bool,
+        index: mi.Float | None = None,
+    ) -> mi.Float:  # fmt: skip
+        """Return what a face reflects so many ``times``, or the chance; in ``index`` (the pad)."""
+        both = self.mirrors.met_at(mi.UInt32(3 * axis + 1 + side), cosine, index)
+        once, count = both[1] if chance else both[0], mi.Float(times)
+        return dr.select(count > 0, dr.power(once, count), 1.0)
 
     # -- lines ----------------------------------------------------------------------------------
 
@@ -228,12 +248,21 @@ class LampImages:
         sign, shift = self._unfolding(image)
         point = self.light.sample_position(lamp, pick, square)[0]
         # The image of ``a`` sees the lamp where it is.
-        seen_from = sign * (mi.Vector3f(a) - shift)
-        span = mi.Vector3f(point) - seen_from
+        span = mi.Vector3f(point) - sign * (mi.Vector3f(a) - shift)
         distance = dr.norm(span)
         folded = span / dr.maximum(distance, 1e-9)
-        ray = self.light.ray(lamp, mi.Point3f(seen_from), -folded)
-        return sign * folded, distance, ray
+        return sign * folded, distance, self._ray(image, lamp, a, folded)
+
+    def _ray(
+        self, image: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, folded: mi.Vector3f
+    ) -> LampRay:
+        """Return what the line from ``a`` carries that arrives at the lamp along ``folded``."""
+        sign, shift = self._unfolding(image)
+        return self.light.ray(lamp, mi.Point3f(sign * (mi.Vector3f(a) - shift)), -folded)
+
+    def _left(self, image: mi.UInt32, folded: mi.Vector3f) -> mi.Vector3f:
+        """Return how a line begins that arrives at the lamp along ``folded``."""
+        return self._unfolding(image)[0] * folded
 
     def joined(
         self, scene: mi.Scene, lamp: mi.UInt32, later: mi.Bool, a: Vertex, which: Numbers,
@@ -252,10 +281,10 @@ class LampImages:
         f, pdf, reverse = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         pdf = dr.select(a.terminal, 0.0, guided_pdf(guiding, a, direction, pdf))
         active &= dr.max(f) > 0
-        carried, transmittance = self._followed(scene, a, direction, distance, active)
+        carried, transmittance = self._followed(scene, image, a, direction, distance, active)
         # Light subpaths come the same way, and no strategy ends before a facet.
         by_light = ray.emitted * area_factor(a, direction) * (a.d_vcm + a.d_vc * reverse)
-        by_chance = (pdf + by_light) * self.reflected(image, direction, chance=True)
+        by_chance = (pdf + by_light) * self.reflected(image, a.p, direction, chance=True)
         value = channel_mean(a.beta * f * transmittance) * carried * a.weight
         value /= density + by_chance
         return [dr.select(active & (each > 0), each * value, 0.0) for each in ray.radiance]
@@ -269,35 +298,34 @@ class LampImages:
         The subpath left a vertex at ``a`` with a density of 1 / ``d_vcm`` and meets the lamp along
         ``folded``; 0 for ``NO_IMAGE``. Transmittances are in neither density, here and in `joined`.
         """
-        sign, shift = self._unfolding(image)
-        seen_from = mi.Point3f(sign * (mi.Vector3f(a) - shift))
-        ray = self.light.ray(lamp, seen_from, -folded)
+        ray = self._ray(image, lamp, a, folded)
         density = ray.joined * self.probability(lamp, later, image)
-        chance = self.reflected(image, sign * folded, chance=True)
+        chance = self.reflected(image, a, self._left(image, folded), chance=True)
         return dr.select(density > 0, density * d_vcm / dr.maximum(chance, 1e-12), 0.0)
 
     @dr.syntax
     def _followed(
-        self, scene: mi.Scene, a: Vertex, direction: mi.Vector3f, distance: mi.Float,
-        active: mi.Bool,
+        self, scene: mi.Scene, image: mi.UInt32, a: Vertex, direction: mi.Vector3f,
+        distance: mi.Float, active: mi.Bool,
     ) -> tuple[mi.Float, mi.Spectrum]:  # fmt: skip
         """Return what comes from so far away over the mirrors, and transmittances of media.
 
         The first is 0 where something is in the way.
         """
         here, d, left = a, mi.Vector3f(direction), mi.Float(distance)
-        depth, reflectance = mi.Spectrum(0.0), mi.Float(1.0)
+        depth, reflectance, way = mi.Spectrum(0.0), mi.Float(1.0), FoldedWay.none()
         clear, going = mi.Bool(active), mi.Bool(active)
         while going:
             b, further, hit = trace_to_surface(scene, here, d, going)
             step = dr.norm(b.p - here.p)
-            there, reflected, _, turned = self.mirrors.met(b, d)
+            there, reflected, turned = self._met(image, way, b, d)
             arrives = hit & (step >= left)
             meets = going & hit & ~arrives & there
             clear = clear & (~going | meets | arrives)
             depth += dr.select(meets, further, 0.0)
             reflectance *= dr.select(meets, reflected, 1.0)
             left -= dr.select(meets, step, 0.0)
+            way = way.through(b, turned, meets)
             d = dr.select(meets, turned, d)
             here = dr.select(meets, b, here)
             going = meets
@@ -307,72 +335,9 @@ class LampImages:
         last, seen = optical_depth(scene, here, end, clear)
         return dr.select(clear & seen, reflectance, 0.0), dr.exp(-depth - last)
 
-
-def _cast_in(scene: Scene) -> np.ndarray:
-    """Return which lamps are in the silicone of pad and rim, ``(lamp,)``."""
-    return np.array([lamp.solid in ("pad", "diffuser") for lamp in scene.placed_lamps()])
-
-
-def has_lamp_images(scene: Scene) -> bool:
-    """Return whether a flat pad has lamps that its walls show over and over."""
-    return bool(_cast_in(scene).any()) and not _aimed(_cells(scene)).all()
-
-
-def _cells(scene: Scene) -> np.ndarray:
-    """Return the cells ``(cell, 3)`` of the table: all that the coating may see but far ones."""
-    mirrors = dict(zip(FACES, mirror_faces(scene), strict=True))
-    reach = [
-        CELL_MAX if mirrors[low] and mirrors[high] else AIMED_CELL_MAX
-        for low, high in (("left", "right"), ("base", "tip"))
-    ]
-    below = mirrors[FACES[LOWER]] and not scene.window_refracts
-    # The top of a rim is a face of the pad beside the skin.
-    strip = bool(scene.box.layered.any()) and scene.pad.roughness == 0.0
-    highest, lowest = (UP, UP - DEPTHS + 1) if strip else (0, -1)
-    levels = range(lowest, highest + 1) if below else range(min(highest, 1) + 1)
-    found = [
-        (x, y, z)
-        for x in range(-reach[0], reach[0] + 1)
-        for y in range(-reach[1], reach[1] + 1)
-        for z in levels
-        if max(abs(x), abs(y)) <= (CELL_MAX if -2 <= z <= 1 else RIM_CELL_MAX)
-        and (x, y, z) != (0, 0, 0)
-    ]
-    singles = {(0, False): "left", (0, True): "right", (1, False): "base", (1, True): "tip"}
-    kept = [
-        cell
-        for cell in found
-        if all(mirrors[singles[axis, cell[axis] > 0]] for axis in (0, 1) if abs(cell[axis]) == 1)
-    ]
-    return np.array(kept, dtype=np.int64).reshape(-1, 3)
-
-
-def _far_levels(cells: np.ndarray) -> dict[int, float]:
-    """Return the z that far cells have as the last of the table do, and what of them each has."""
-    last = cells[np.abs(cells[:, :2]).max(axis=1) == CELL_MAX]
-    rim = _over_a_rim(last)
-    plain, over = np.unique(last[~rim, 2]).tolist(), np.unique(last[rim, 2]).tolist()
-    share = RIM_FAR if over else 0.0
-    levels = {z: (1.0 - share) / len(plain) for z in plain}
-    return levels | {z: share / len(over) for z in over}
-
-
-def _aimed(cells: np.ndarray) -> np.ndarray:
-    """Return which cells ``(cell, 3)`` are known to ``LampAim``."""
-    near = (np.abs(cells[:, :2]) <= AIMED_CELL_MAX).all(axis=1)
-    return np.asarray(near & ~_over_a_rim(cells))
-
-
-def _over_a_rim(cells: np.ndarray) -> np.ndarray:
-    """Return which cells ``(cell, 3)`` are seen over the top of a rim."""
-    return np.asarray((cells[:, 2] > 0) | (cells[:, 2] < -1))
-
-
-def _code(x: Integers, y: Integers, z: Integers) -> Integers:
-    """Return the numbers of near cells in the table."""
-    return ((x + CELL_MAX) * CELLS + y + CELL_MAX) * DEPTHS + UP - z
-
-
-def _packed(x: Integers, y: Integers, z: Integers) -> Integers:
-    """Return cells as images, signed."""
-    return ((x + ORIGIN) * STEP + y + ORIGIN) * DEPTHS + UP - z
+    def _met(
+        self, image: mi.UInt32, way: FoldedWay, v: Vertex, d: mi.Vector3f
+    ) -> tuple[mi.Bool, mi.Float, mi.Vector3f]:
+        """Return whether light on its way to an image goes on at ``v``, how much, and where to."""
+        there, reflected, _, turned = self.mirrors.met(v, d)
+        return there, reflected, turned

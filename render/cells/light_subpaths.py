@@ -22,6 +22,7 @@ import numpy as np
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_images import LampImages
 from render.cells.lower_face_mirror import LowerFaceMirror
+from render.cells.mirror_images import FoldedWay
 from render.geometry import fiber_poses
 from render.paths.mirrors import KeptVertex
 from render.paths.records import PackedRecords, allocated
@@ -238,7 +239,7 @@ def _trace(
     )
     fresh = dr.full(mi.Bool, True, width)  # lanes that begin a path
     first = mi.Bool(fresh)  # lanes whose path has no vertex yet
-    travelled, mirrored = mi.Float(0), mi.Bool(False)  # mm from the lamp, over mirrors alone
+    travelled, mirrored = FoldedWay.none(), mi.Bool(False)  # from the lamp, over mirrors alone
     from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
     active = mi.Bool(fresh)
     while active:
@@ -262,7 +263,7 @@ def _trace(
             before_wide = mi.Bool(False)
             drawn.total = mi.Float(0.0)
             first, from_volume = mi.Bool(True), mi.Bool(False)
-            travelled, mirrored = mi.Float(0), mi.Bool(False)
+            travelled, mirrored = FoldedWay.none(), mi.Bool(False)
         begin = mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         if guiding is not None:
@@ -272,10 +273,10 @@ def _trace(
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
             if images is not None:
                 # So are those that see the lamp over mirrors.
-                travelled += dr.norm(v.p - begin)
+                travelled = travelled.on(v.wi, dr.norm(v.p - begin))
                 if arrived & mirrored & v.diffuse & ~v.volume:
                     later = mi.Bool(True)
-                    image = images.along(fiber, later, v.p, travelled * v.wi)
+                    image = images.along(fiber, later, v.p, v.wi, travelled)
                     v.d_vcm = images.strategies(image, fiber, later, v.p, -d, v.d_vc)
                 mirrored = (first | mirrored) & arrived & v.delta
             first = first & ~arrived
@@ -310,6 +311,8 @@ def _trace(
             arrived,
             returning=guiding if lobed else None,
         )
+        if images is not None:
+            travelled = travelled.through(v, state.d, arrived & v.delta)
         event += 1
         cut = event >= path * LIGHT_EVENTS + RESERVOIR_EVENT
         fresh = active & (escaped | (arrived & ~alive) | cut)

@@ -285,9 +285,18 @@ CASES: dict[str, dict[str, Any]] = {
         ],
     },
     "cast in over a window": {"window": window(1.49), **CAST_IN},
+    "cast in over a window between mirrors": {
+        "window": window(1.71), "pad.index": (1.55,), **CAST_IN,
+        "faces": [painted("mirror", "left", "right", reflectance=0.95)],
+    },
     "cast into a window rough 0.1": {
         "window": window(1.49), "pad.roughness": (0.1,),
         "lamps": [listed(-8, 2, -1.5, 1, 0.2, 0.5)],
+    },
+    "cast into a window between mirrors": {
+        "window": window(1.71), "pad.index": (1.55,),
+        "lamps": [listed(-8, 2, -1.5, 1, 0.2, 0.5), listed(5, -9, -1.2, -0.3, 1, 0.8, 3.0)],
+        "faces": [painted("mirror", "left", "right", reflectance=0.95)],
     },
     "cast into a dome": {
         "skin": DOME, "pad.thickness": (6.0, MM), "lamps": [listed(-8, 2, 1.5, 1, 0.2, 0.3)],

@@ -9,7 +9,9 @@ import pytest
 
 from render.cells.far_cells import FarCells, has_far_cells
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_images import CELL_MAX, NO_IMAGE, LampImages, has_lamp_images
+from render.cells.lamp_cells import CELL_MAX, has_lamp_images
+from render.cells.lamp_images import NO_IMAGE, LampImages
+from render.cells.mirror_images import FoldedWay
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
@@ -68,9 +70,7 @@ def test_the_image_in_a_direction_is_the_one_that_a_line_to_it_was_drawn_for(
         mi.UInt32(image), mi.UInt32(lamp), mi.Point3f(a.T), mi.Float(pick), mi.Point2f(x, y)
     )
     way = np.array(direction).T * np.array(distance)[:, None]
-    found = np.array(
-        images.along(mi.UInt32(lamp), mi.Bool(later), mi.Point3f(a.T), mi.Vector3f(way.T))
-    )
+    found = met_along(images, scene, lamp, later, a, way)
     np.testing.assert_array_equal(found, image)
     low, high = scene.box.low, scene.box.high
     for start, full, number in zip(a[:50], way[:50], lamp[:50], strict=True):
@@ -78,6 +78,23 @@ def test_the_image_in_a_direction_is_the_one_that_a_line_to_it_was_drawn_for(
         middle = scene.placed_lamps()[number]
         rounding = 1e-3 + 1e-6 * np.linalg.norm(full)
         assert np.linalg.norm(where - middle.position) < 0.51 * middle.diameter + rounding
+
+
+def met_along(
+    images: LampImages, scene: Scene, lamp: np.ndarray, later: bool, a: np.ndarray, way: np.ndarray
+) -> np.ndarray:
+    """Return the images that lie on unfolded ways from ``a`` (mm), ``(n, 3)`` both."""
+    import mitsuba as mi
+
+    low, high = scene.box.low[2], scene.box.high[2]
+    levels = np.abs(np.floor((a + way)[:, 2] / (high - low) - low / (high - low)))
+    folded_way = FoldedWay(
+        mi.Float(np.hypot(way[:, 0], way[:, 1])), mi.UInt32(levels.astype(np.uint32)), mi.UInt32(0)
+    )
+    found = images.along(
+        mi.UInt32(lamp), mi.Bool(later), mi.Point3f(a.T), mi.Vector3f(way.T), folded_way
+    )
+    return np.array(found)
 
 
 def folded(low: np.ndarray, high: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -149,16 +166,15 @@ def test_all_far_cells_together_are_drawn_once(mono: ModuleType, size: tuple[flo
 
 
 def test_the_nearest_images_are_for_vertices_behind_the_facet(mono: ModuleType) -> None:
-    import mitsuba as mi
-
     images = images_of(scene_of_case("cast in index 1.7"))
-    over_one_wall, down = mi.Vector3f([15.0], [0.0], [-5.0]), mi.Vector3f([0.0], [2.0], [-6.0])
-    a = mi.Point3f(0.0, 0.0, 7.7)
+    scene = scene_of_case("cast in index 1.7")
+    over_one_wall, down = np.array([[15.0, 0.0, -5.0]]), np.array([[0.0, 2.0, -6.0]])
+    lamp, a = np.zeros(1, dtype=np.uint32), np.array([[0.0, 0.0, 7.7]])
     for later in (False, True):
-        aimed = images.along(mi.UInt32(0), mi.Bool(later), a, over_one_wall)
-        assert (int(aimed[0]) != NO_IMAGE) == later
+        aimed = met_along(images, scene, lamp, later, a, over_one_wall)
+        assert (aimed[0] != NO_IMAGE) == later
         # The lamp itself is no image of it.
-        assert int(images.along(mi.UInt32(0), mi.Bool(later), a, down)[0]) == NO_IMAGE
+        assert met_along(images, scene, lamp, later, a, down)[0] == NO_IMAGE
 
 
 @pytest.mark.parametrize(("case", "there"), [("cast in", False), ("cast in index 1.7", True)])
@@ -170,18 +186,17 @@ def test_images_carry_what_total_reflection_at_all_faces_leaves(mono: ModuleType
     """With an index of 1.7 light at 45 deg to both walls loses nothing, however far it came."""
     import mitsuba as mi
 
-    images = images_of(scene_of_case("cast in index 1.7"))
-    slanted = mi.Vector3f([0.7062], [0.7062], [-0.05])
-    steep = mi.Vector3f([0.95], [0.308], [-0.05])
-    a = mi.Point3f(0.0, 0.0, 7.7)
+    scene = scene_of_case("cast in index 1.7")
+    images = images_of(scene)
+    slanted, steep = np.array([0.7062, 0.7062, -0.05]), np.array([0.95, 0.308, -0.05])
+    ways = np.linspace(30, 20 * CELL_MAX, 200)[:, None]
+    lamp, a = np.zeros(len(ways), dtype=np.uint32), np.tile([0.0, 0.0, 7.7], (len(ways), 1))
     seen = []
     for direction in (slanted, steep):
-        met = [
-            images.along(mi.UInt32(0), mi.Bool(False), a, mi.Float([way]) * direction)
-            for way in np.linspace(30, 20 * CELL_MAX, 200)
-        ]
-        known = [each for each in met if int(each[0]) != NO_IMAGE]
-        seen.append([float(images.reflected(each, direction)[0]) for each in known])
+        met = met_along(images, scene, lamp, False, a, ways * direction)
+        known = mi.UInt32(met[met != NO_IMAGE])
+        left = mi.Vector3f(*direction.tolist())
+        seen.append(np.array(images.reflected(known, mi.Point3f(*a[0].tolist()), left)))
     assert len(seen[0]) > 20
     np.testing.assert_allclose(seen[0], 1.0, rtol=1e-4)
-    assert all(value < 0.1 for value in seen[1])
+    assert (seen[1] < 0.1).all()
