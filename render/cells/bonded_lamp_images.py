@@ -16,7 +16,7 @@ import mitsuba as mi
 from render.cells.bond_optics import WindowBond, through_bond, way_spread, way_through_bond
 from render.cells.bonded_images import BondedImages
 from render.cells.fiber_light import FiberLight, LampRay
-from render.cells.lamp_cells import IN_WINDOW, THROUGH_BOND, met_until
+from render.cells.lamp_cells import DEPTHS, IN_WINDOW, THROUGH_BOND, TURNS, met_until
 from render.cells.lamp_images import LampImages
 from render.cells.mirror_images import FoldedWay, MirrorImages
 from render.paths.vertex import Vertex
@@ -52,9 +52,9 @@ class BondedLampImages(LampImages):
 
     def _level(self, levels: mi.Int32, bonds: mi.Int32) -> mi.Int32:
         """Return the cell in z, lower: 0 straight, 1 over the bond, or what `_layers` says."""
-        pad = dr.minimum(levels, THROUGH_BOND)
-        turns = dr.minimum(THROUGH_BOND + (levels + 1) // 2, IN_WINDOW - 1)
-        passed = dr.select((bonds & 1) == 1, IN_WINDOW + levels, turns)
+        pad, turns = dr.minimum(levels, THROUGH_BOND), (levels + 1) // 2
+        back = dr.select(turns <= TURNS, THROUGH_BOND + turns, DEPTHS)
+        passed = dr.select((bonds & 1) == 1, IN_WINDOW + levels, back)
         return dr.select(bonds == 0, pad, passed)
 
     def _layers(self, image: mi.UInt32) -> _Layers:
