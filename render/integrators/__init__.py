@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import functools
+import re
 import sys
+from collections.abc import Callable
 from typing import Any
 
-from render.errors import RenderError
+from render import errors
+from render.errors import RenderError, TactiluxError
 
 _registered: set[str] = set()
 
@@ -39,14 +42,16 @@ def register() -> None:
 
 
 def _pass_errors_on(mi: Any) -> None:
-    """Let ``mi.render`` raise our typed errors as they are.
+    """Let Mitsuba raise our typed errors as they are.
 
     Dr.Jit wraps every exception of an integrator that is written in Python in a RuntimeError
-    without the reason.
+    without the reason, and what loads scenes puts a traceback in its own.
     """
     plain = mi.render
     if hasattr(plain, "__wrapped__"):
         return
+    for name in ("load_dict", "load_file", "load_string"):
+        setattr(mi, name, _loading(getattr(mi, name)))
 
     @functools.wraps(plain)
     def render(*arguments: Any, **named: Any) -> Any:
@@ -58,3 +63,24 @@ def _pass_errors_on(mi: Any) -> None:
             raise
 
     mi.render = render
+
+
+def _loading(plain: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a loader of scenes that raises a plugin's typed error, with the place of the plugin.
+
+    Mitsuba knows no more of that error than its text.
+    """
+
+    @functools.wraps(plain)
+    def load(*arguments: Any, **named: Any) -> Any:
+        try:
+            return plain(*arguments, **named)
+        except RuntimeError as error:
+            found = re.search(r"^(?:[\w.]+\.)?(\w+Error): (.+)", str(error), re.MULTILINE)
+            kind = getattr(errors, found[1], None) if found else None
+            if found is None or not (isinstance(kind, type) and issubclass(kind, TactiluxError)):
+                raise
+            place = re.search(r'dictionary node "([^"]+)"', str(error))
+            raise kind(f"{place[1]}: {found[2]}" if place else found[2]) from None
+
+    return load

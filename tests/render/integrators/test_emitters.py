@@ -109,8 +109,14 @@ def test_the_sphere_around_a_scene_holds_meshes_that_the_loader_has_merged(
 
 
 def test_a_file_is_asked_for_where_a_measured_light_has_none(mono: ModuleType) -> None:
-    with pytest.raises(RuntimeError, match="measured_light needs a filename"):
+    with pytest.raises(RenderError, match=r"^lamp\.emitter: measured_light needs a file") as caught:
         plate(mono, lamp={"type": "disk", "emitter": {"type": "measured_light"}})
+    assert "\n" not in str(caught.value)
+    xml = '<scene version="3.0.0"><emitter type="measured_light"/></scene>'
+    with pytest.raises(RenderError, match=r"^measured_light needs a filename"):
+        mono.load_string(xml)
+    with pytest.raises(RuntimeError, match="nonesuch"):
+        plate(mono, lamp={"type": "nonesuch"})
 
 
 def test_a_measured_light_that_no_shape_has_leaves_other_scenes_alone(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from render.errors import RenderError
 from render.optics.fiber_profile import peak_radiance
 
 WIDTH = 8
@@ -89,7 +90,7 @@ def test_radiance_on_the_axis_may_be_given_instead(mono: ModuleType) -> None:
 def test_a_parameter_out_of_range_is_named_with_what_is_allowed(
     mono: ModuleType, name: str, value: float
 ) -> None:
-    with pytest.raises(RuntimeError, match=f"{name} = .*allowed"):
+    with pytest.raises(RenderError, match=f"^lamp.*{name} = .*allowed"):
         mono.load_dict({"type": "scene", "lamp": lamp(mono, **{name: value})})
 
 
