@@ -35,9 +35,14 @@ CASES = [
 ]
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(scope="module", params=[*CASES, "a window of low index"])
 def scene(request: pytest.FixtureRequest) -> Scene:
-    return scene_of_case(request.param)
+    if request.param in CASES:
+        return scene_of_case(request.param)
+    scene = scene_of_case("cast in over a window between mirrors")
+    assert scene.window is not None
+    window = scene.window.model_copy(update={"index": 1.33})
+    return scene.model_copy(update={"window": window})
 
 
 def images_of(scene: Scene) -> BondedLampImages:
@@ -133,6 +138,13 @@ def wall_of(scene: Scene, axis: int, upper: bool) -> float | None:
     return scene.finishes[FACES.index(face)].metal
 
 
+def along_the_bond(scene: Scene, direction: np.ndarray) -> bool:
+    """Return whether light goes on almost along it, where single precision tells no end."""
+    assert scene.window is not None
+    sine = np.hypot(direction[0], direction[1]) * scene.pad.index / scene.window.index
+    return bool(0.9995 < sine < 1.0005)
+
+
 def turns_of(images: BondedLampImages, image: int) -> int:
     """Return how often the lower face reflects light that passes the bond twice; -1: once."""
     import mitsuba as mi
@@ -149,6 +161,8 @@ def test_lines_end_at_the_lamp_and_are_known_by_how_they_came(
     lines = lines_to_images(scene, images, later)
     lamps, kinds = scene.placed_lamps(), set()
     for i in range(300):
+        if along_the_bond(scene, lines.direction[i]):
+            continue
         turns = turns_of(images, int(lines.image[i]))
         end = followed(scene, lines.a[i], lines.direction[i], float(lines.length[i]), turns)
         lamp = lamps[lines.lamp[i]]
@@ -180,6 +194,8 @@ def test_joining_is_as_dense_as_directions_move_over_the_lamp(
     lines, tried = lines_to_images(scene, images), 0
     lamps = scene.placed_lamps()
     for i in range(200):
+        if along_the_bond(scene, lines.direction[i]):
+            continue
         a, d, length = lines.a[i], lines.direction[i].astype(float), float(lines.length[i])
         turns = turns_of(images, int(lines.image[i]))
         lamp = lamps[lines.lamp[i]]
@@ -222,11 +238,14 @@ def test_what_is_joined_is_what_fresnel_says_face_by_face(mono: ModuleType, scen
     direction, length, ray = images.line(
         mono.UInt32(image), lamp, vertex.p, numbers[0], mono.Point2f(numbers[1], numbers[2])
     )
-    scale = np.array(ray.radiance[0]) / np.array(ray.joined)
+    radiance, joined = np.array(ray.radiance[0]), np.array(ray.joined)
+    scale = np.divide(radiance, joined, out=np.zeros_like(radiance), where=joined > 0)
     scale /= np.array(images.probability(lamp, later, mono.UInt32(image)))
     scale *= 0.5 / np.pi * np.abs(np.array(direction.z))
     ways, lengths, compared = np.array(direction).T, np.array(length), 0
     for i in np.flatnonzero((image != NO_IMAGE) & (scale > 0)).tolist():
+        if along_the_bond(scene, ways[i]):
+            continue
         turns = turns_of(images, int(image[i]))
         end = followed(scene, np.array(a), ways[i], float(lengths[i]), turns)
         compared += end.carried > 1e-6
