@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from render.cells.bond_optics import WindowBond, through_bond, way_spread, way_through_bond
 from render.cells.bonded_images import BondedImages
@@ -49,6 +50,14 @@ class BondedLampImages(LampImages):
 
     def _mirrors(self, scene: Scene) -> MirrorImages:
         return BondedImages(scene)
+
+    def _strengths(
+        self, scene: Scene, lamp: int, images: np.ndarray, cells: np.ndarray
+    ) -> np.ndarray:
+        """Return what each near image sends; lamps in pad and window have cells of their own."""
+        strength = super()._strengths(scene, lamp, images, cells)
+        in_window = scene.placed_lamps()[lamp].solid == "window"
+        return np.where((cells[:, 2] <= -IN_WINDOW) == in_window, strength, 0.0)
 
     def _level(self, levels: mi.Int32, bonds: mi.Int32) -> mi.Int32:
         """Return the cell in z, lower: 0 straight, 1 over the bond, or what `_layers` says."""
@@ -111,15 +120,14 @@ class BondedLampImages(LampImages):
         sign, shift = super()._unfolding(image)
         return sign, mi.Vector3f(shift.x, shift.y, 0.0)
 
-    def line(
-        self, image: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
-    ) -> tuple[mi.Vector3f, mi.Float, LampRay]:
-        """Return direction and length of the line, as of `LampImages.line`."""
-        straight, distance, ray = super().line(image, lamp, a, pick, square)
+    def _line_to(
+        self, image: mi.UInt32, a: mi.Point3f, point: mi.Point3f
+    ) -> tuple[mi.Vector3f, mi.Float, mi.Vector3f]:
+        """Return how the line to the image of a point begins, its length, and how it arrives."""
+        straight, distance, folded = super()._line_to(image, a, point)
         layers = self._layers(image)
         through, inside = layers.through, layers.in_window
         sign, shift = self._unfolding(image)
-        point = self.light.sample_position(lamp, pick, square)[0]
         across = sign * mi.Vector3f(point) + shift - mi.Vector3f(a)
         # Up from the lower face or down from the bond.
         up = layers.lower > layers.upper
@@ -127,13 +135,11 @@ class BondedLampImages(LampImages):
         window = self._window(layers) + dr.select(inside, last, 0.0)
         way = way_through_bond(self.bond, across, a.z + dr.select(inside, 0.0, point.z), window)
         d = dr.select(inside, through_bond(way.direction, self.bond.ratio)[0], way.direction)
-        rise = dr.select(up, -d.z, d.z)
-        bent = self._ray(image, lamp, a, mi.Vector3f(sign.x * d.x, sign.y * d.y, rise))
-        length = way.pad_length + way.window_length
+        bent = mi.Vector3f(sign.x * d.x, sign.y * d.y, dr.select(up, -d.z, d.z))
         return (
             dr.select(through, way.direction, straight),
-            dr.select(through, length, distance),
-            dr.select(through, bent, ray),
+            dr.select(through, way.pad_length + way.window_length, distance),
+            dr.select(through, bent, folded),
         )
 
     def _ray(
@@ -144,7 +150,7 @@ class BondedLampImages(LampImages):
         layers, bond = self._layers(image), self.bond
         through, inside, window = layers.through, layers.in_window, self._window(layers)
         cosine = dr.maximum(dr.abs(folded.z), 1e-6)
-        pad_cos = dr.maximum(dr.select(inside, self._pad_cos(cosine), cosine), 1e-6)
+        pad_cos = dr.maximum(dr.select(inside, bond.pad_cos(cosine), cosine), 1e-6)
         window_cos = dr.maximum(dr.select(inside, cosine, bond.window_cos(cosine)), 1e-6)
         # Where its last part begins; unfolded, x and y go on along ``folded``.
         index = dr.select(inside, bond.ratio, 1.0)
@@ -169,11 +175,6 @@ class BondedLampImages(LampImages):
         ray.radiance = [value * basic for value in ray.radiance]
         ray.emitted *= dr.select(inside, window_cos / pad_cos, 1.0)
         return ray
-
-    def _pad_cos(self, window_cos: mi.Float) -> mi.Float:
-        """Return the cosine in the pad of light with that in the window."""
-        along = dr.square(self.bond.ratio) * (1.0 - dr.square(window_cos))
-        return dr.sqrt(dr.maximum(1.0 - along, 0.0))
 
     def _left(self, image: mi.UInt32, folded: mi.Vector3f) -> mi.Vector3f:
         """Return how a line begins that arrives at the lamp along ``folded``."""

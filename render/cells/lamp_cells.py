@@ -3,7 +3,7 @@
 A cell is numbered per axis, as in ``render.cells.clear.unfolded_cells``: 0 the pad itself, 1 its
 image in the upper wall, -1 that in the lower one, 2 the image of 1, and so on. Over a window of
 another index z says how light came instead: straight (0), over the bond (-1), through it to a lamp
-in the pad (below ``THROUGH_BOND``) or to one in the window (``IN_WINDOW`` and below).
+in the pad (from -``THROUGH_BOND`` - 1 on) or to one in the window (from -``IN_WINDOW`` on).
 """
 
 from __future__ import annotations
@@ -86,11 +86,8 @@ def lamp_cells(scene: Scene) -> np.ndarray:
             levels += [-IN_WINDOW - turn for turn in range(TURNS if below else 1)]
     reaching = {-2, -1, 0, 1}
     if bonded:
-        reaching = {
-            -1,
-            0,
-            *(-of - turn for of in (THROUGH_BOND, IN_WINDOW) for turn in range(NEAR_TURNS + 1)),
-        }
+        few = range(NEAR_TURNS + 1)
+        reaching = {-1, 0, *(-of - turn for of in (THROUGH_BOND, IN_WINDOW) for turn in few)}
     found = [
         (x, y, z)
         for x in range(-reach[0], reach[0] + 1)

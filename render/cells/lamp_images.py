@@ -28,7 +28,6 @@ from render.cells.lamp_cells import (
     CELL_MAX,
     CODES,
     DEPTHS,
-    IN_WINDOW,
     ORIGIN,
     RIM_SHARE,
     STEP,
@@ -87,10 +86,8 @@ class LampImages:
         drawn = np.full((2, self.lamps, SLOTS), NO_IMAGE, dtype=np.uint32)
         chosen = np.zeros((2, self.lamps, CODES + 1), dtype=np.float32)
         far = np.zeros((2, self.lamps), dtype=np.float32)
-        aimed, outer = (
-            aimed_cells(scene, cells),
-            np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER,
-        )
+        aimed = aimed_cells(scene, cells)
+        outer = np.abs(cells[:, :2]).max(axis=1) > CELL_MAX - OUTER
         for lamp in lamps:
             strength = self._strengths(scene, lamp, images, cells)
             for later in (0, 1):
@@ -138,9 +135,6 @@ class LampImages:
         sent *= dr.maximum(-direction.z, COSINE_MIN)
         strength = np.array(sent, dtype=np.float64).reshape(len(images), points).mean(axis=1)
         strength[over_a_rim(scene, cells)] *= RIM_SHARE
-        if scene.window_refracts:
-            in_window = scene.placed_lamps()[lamp].solid == "window"
-            strength[(cells[:, 2] <= -IN_WINDOW) != in_window] = 0.0
         return strength
 
     def _mirrors(self, scene: Scene) -> MirrorImages:
@@ -245,13 +239,20 @@ class LampImages:
         self, image: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, pick: mi.Float, square: mi.Point2f
     ) -> tuple[mi.Vector3f, mi.Float, LampRay]:
         """Return direction and length of the line from ``a`` to an image, and what it carries."""
-        sign, shift = self._unfolding(image)
         point = self.light.sample_position(lamp, pick, square)[0]
+        direction, distance, folded = self._line_to(image, a, point)
+        return direction, distance, self._ray(image, lamp, a, folded)
+
+    def _line_to(
+        self, image: mi.UInt32, a: mi.Point3f, point: mi.Point3f
+    ) -> tuple[mi.Vector3f, mi.Float, mi.Vector3f]:
+        """Return how the line to the image of a point begins, its length, and how it arrives."""
+        sign, shift = self._unfolding(image)
         # The image of ``a`` sees the lamp where it is.
         span = mi.Vector3f(point) - sign * (mi.Vector3f(a) - shift)
         distance = dr.norm(span)
         folded = span / dr.maximum(distance, 1e-9)
-        return sign * folded, distance, self._ray(image, lamp, a, folded)
+        return sign * folded, distance, folded
 
     def _ray(
         self, image: mi.UInt32, lamp: mi.UInt32, a: mi.Point3f, folded: mi.Vector3f

@@ -74,8 +74,8 @@ class FoldedLine:
 class FoldedWay:
     """How light came over mirrors since a vertex (a Dr.Jit PyTree).
 
-    It went ``across`` mm along the pad's lower face, was reflected by so many faces of x and y, its
-    ``levels``, and passed so many ``bonds`` of pad and window.
+    It went ``across`` mm along x and y; faces across z reflected it ``levels`` times, and it passed
+    the bond of pad and window ``bonds`` times.
     """
 
     across: mi.Float
