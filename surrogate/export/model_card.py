@@ -20,7 +20,14 @@ from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.preview_model import CONVERGED_ERRORS
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import CONVERGED, PREVIEW, TABLE, UNITS, ModelMetadata
+from surrogate.runtime.metadata import (
+    CONVERGED,
+    NONE,
+    PREVIEW,
+    TABLE,
+    UNITS,
+    ModelMetadata,
+)
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
@@ -175,8 +182,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "with it. It does not read tactile images.",
             "",
             "Predicts the camera colors of every facet, with a spread, the metric and the score "
-            f"of a lighting design, from {_made_of(fit)} of the reference (level 2: bidirectional "
-            "path tracing with multiple importance sampling).",
+            f"of a lighting design, from {_made_of(fit)}.",
             "",
             "## Axes",
             "",
@@ -268,9 +274,15 @@ def _ranges(metadata: ModelMetadata) -> str:
 
 
 def _made_of(fit: Fit) -> str:
+    renders = (
+        "renders of the reference (level 2: bidirectional path tracing with multiple importance "
+        "sampling)"
+    )
+    if fit.kind == NONE:
+        return f"the preview alone: {renders} bore out no correction"
     if fit.kind == TABLE:
-        return "the preview and, cell by cell as far as they are known, renders"
-    return "the preview and a residual that was learned from renders"
+        return f"the preview and, cell by cell as far as they are known, {renders}"
+    return f"the preview and a residual that was learned from {renders}"
 
 
 def _held_out(fit: Fit, metadata: ModelMetadata) -> str:

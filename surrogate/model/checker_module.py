@@ -1,7 +1,7 @@
 """The whole checker as one torch module: preview, residual, superposition, exposure and metric.
 
 This is what is exported to ``checker.onnx`` and what training predicts with, so the two cannot
-drift deviation.
+drift apart.
 """
 
 from __future__ import annotations
