@@ -193,7 +193,7 @@ class PadSampler:
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
         aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
         # Behind a layer that scatters the glow is the surer guide.
-        clear = scattering_medium(scene) is None
+        clear = scattering_medium(scene) is None or diffuser_depth(scene) < 1.0
         self.glow: FiberGlow | ArrivingLight
         if self.aim and clear and self.mirror.curved and mirrors[LOWER]:
             self.glow = ArrivingLight(self.pad, self.light, scene.lamp_count)

@@ -20,7 +20,7 @@ import numpy as np
 from render.arrays import Array
 from render.cells.bonded_aim import BondedWay, way_over_bond
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.geometry import LOWER, fiber_poses
+from render.geometry import LOWER, bend_frames, bend_points, fiber_poses, flat_fiber_poses
 from render.paths.reflection_lobe import ReflectionLobe
 from render.scene import Scene
 
@@ -64,22 +64,17 @@ class LampAim:
         # Lamps in the silicone are seen where they are.
         inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, poses.foot)
         from_below = (poses.face == LOWER) & ~inside
-        far_axis = np.where((poses.face == LOWER)[:, None], poses.face_up, poses.face_inward)
-        # Where the walls beside a lamp are, along its face; planes for a flat pad only.
-        low, high = scene.box.low * [1, 1, 0], scene.box.high * [1, 1, 0]
-        walls = np.concatenate(
-            [_between(axis, low, high, foot) for axis in (poses.face_along, far_axis)], axis=1
-        )
-        self.walls = mi.Float(np.column_stack([walls, from_below]).astype(np.float32).ravel())
+        # Planes of the walls beside a lamp and of those before and behind it.
+        walls, ends = _walls(scene, bend, foot)
+        self.walls = mi.Float(np.column_stack([ends, from_below]).astype(np.float32).ravel())
+        self.wall_normals = mi.Float(walls.astype(np.float32).ravel())
         self.mirror = mirror
         ends = poses.position[:, 2] - poses.radius
         lowest = ends[~from_below & ~inside].min(initial=np.inf) if bend == 0.0 else np.inf
-        ways = [Way(0.4), Way(0.3, mirrored=True)]
-        if not mirror.curved:
-            both = (False, True)
-            sides = (-1, 1) if (from_below | inside).any() else (1,)
-            ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
-            ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
+        ways, both = [Way(0.4), Way(0.3, mirrored=True)], (False, True)
+        sides = (-1, 1) if (from_below | inside).any() else (1,)
+        ways += [Way(0.05, wall=w, mirrored=m) for w in (-1, 1) for m in both]
+        ways += [Way(0.02, w, s, mirrored=m) for s in sides for w in (-1, 0, 1) for m in both]
         if lowest < scene.box.low[2]:
             ways.append(Way(0.2, below=True))
         if scene.window_refracts:
@@ -88,9 +83,7 @@ class LampAim:
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
         self.inside = mi.Bool(inside) if inside.any() else None
-        frames = np.stack(
-            [foot, poses.face_along, poses.face_inward, poses.position, far_axis], axis=1
-        )
+        frames = np.stack([foot, poses.face_inward, poses.position], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         slope = np.array([finish.roughness for finish in scene.finishes]) / np.sqrt(2.0)
         self.radius = mi.Float(poses.radius.astype(np.float32))
@@ -105,8 +98,8 @@ class LampAim:
         before = np.where(below_bond, window_index, scene.pad.index)
         self.index = mi.Float(before.astype(np.float32))
         dr.make_opaque(
-            self.frames, self.walls, self.radius, self.slope, self.constants, self.index,
-            self.inside,
+            self.frames, self.walls, self.wall_normals, self.radius, self.slope, self.constants,
+            self.index, self.inside,
         )  # fmt: skip
 
     def sample(
@@ -125,7 +118,7 @@ class LampAim:
             by_bond = dr.select(chosen, way.by_bond, by_bond)
             total += way.share
         lobe, unfold = self._lobe(fiber, a, wall, opposite, mirrored, below, by_bond)
-        return unfold(lobe.sample(x, y))
+        return unfold.back(lobe.sample(x, y))
 
     def density(self, fiber: mi.UInt32, a: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
@@ -139,7 +132,7 @@ class LampAim:
     ) -> mi.Vector3f:
         """Return directions of one way."""
         lobe, unfold = self._lobe_of(fiber, a, way)
-        return unfold(lobe.sample(x, y))
+        return unfold.back(lobe.sample(x, y))
 
     def way_density(
         self, fiber: mi.UInt32, a: mi.Point3f, way: Way, direction: mi.Vector3f
@@ -159,9 +152,7 @@ class LampAim:
         mirrored: mi.Bool, below: mi.Bool, by_bond: mi.Bool,
     ) -> tuple[ReflectionLobe, _Unfold]:  # fmt: skip
         """Return the lobe about the lamp as seen from the unfolded ``a``, and the unfolding."""
-        foot, along, inward, lamp, far_axis = (
-            dr.gather(mi.Vector3f, self.frames, 5 * fiber + i) for i in range(5)
-        )
+        foot, inward, lamp = (dr.gather(mi.Vector3f, self.frames, 3 * fiber + i) for i in range(3))
         radius = dr.gather(mi.Float, self.radius, fiber)
         lower, level = (dr.gather(mi.Float, self.constants, mi.UInt32(i)) for i in range(2))
         index = dr.gather(mi.Float, self.index, fiber)
@@ -174,13 +165,15 @@ class LampAim:
         inward = dr.select(below, up, inward)
         lamp.z = dr.select(below, dr.minimum(lamp.z, level - 0.5 * radius), lamp.z)
         # ------------------------- Image of the point ----------------------------------
-        end = dr.gather(mi.Float, self.walls, 5 * fiber + dr.select(wall > 0, mi.UInt32(1), 0))
-        by_wall = wall != 0
+        beside, by_wall = dr.select(wall > 0, mi.UInt32(1), 0), wall != 0
+        along = dr.gather(mi.Vector3f, self.wall_normals, 4 * fiber + beside)
+        end = dr.gather(mi.Float, self.walls, 5 * fiber + beside)
         aside = 2.0 * (end - dr.dot(mi.Vector3f(a) - foot, along))
         seen = a + dr.select(by_wall, aside, 0.0) * along
-        by_far = opposite != 0
-        far = dr.gather(mi.Float, self.walls, 5 * fiber + dr.select(opposite > 0, mi.UInt32(3), 2))
-        ahead = 2.0 * (far - dr.dot(mi.Vector3f(a) - foot, far_axis))
+        ahead_of, by_far = dr.select(opposite > 0, mi.UInt32(3), 2), opposite != 0
+        far_axis = dr.gather(mi.Vector3f, self.wall_normals, 4 * fiber + ahead_of)
+        far = dr.gather(mi.Float, self.walls, 5 * fiber + ahead_of)
+        ahead = 2.0 * (far - dr.dot(mi.Vector3f(seen) - foot, far_axis))
         seen += dr.select(by_far, ahead, 0.0) * far_axis
         image, normal = self.mirror.image(seen, mi.Point3f(foot))
         seen = dr.select(mirrored, image, seen)
@@ -313,24 +306,44 @@ def face_crossing(
     return lateral
 
 
-def _between(axis: Array, low: Array, high: Array, foot: Array) -> Array:
-    """Return how far along ``axis`` the two walls are from ``foot``, ``(fiber, 2)`` ascending."""
-    ends = np.stack([(axis * low).sum(axis=-1), (axis * high).sum(axis=-1)], axis=1)
-    return np.asarray(np.sort(ends, axis=1) - (axis * foot).sum(axis=-1, keepdims=True))
+def _walls(scene: Scene, bend: float, foot: Array) -> tuple[Array, Array]:
+    """Return the planes of the walls about each lamp: normals ``(fiber, 4, 3)`` and ends.
+
+    The first two lie beside the lamp, down and up its face, the others before and behind it, all
+    normals as the lamp's axes are. The ends ``(fiber, 4)`` are how far from ``foot`` they are.
+    """
+    flat = flat_fiber_poses(scene)
+    far_axis = np.where((flat.face == LOWER)[:, None], flat.face_up, flat.face_inward)
+    normals = np.stack([flat.face_along] * 2 + [far_axis] * 2, axis=1)
+    low, high = scene.box.low * [1, 1, 0], scene.box.high * [1, 1, 0]
+    corners = np.einsum("fwk,ck->fwc", normals, np.stack([low, high]))
+    lower = np.array([True, False, True, False])
+    place = np.where(lower, corners.min(axis=-1), corners.max(axis=-1))
+    points = place[..., None] * normals
+    turn = bend_frames(scene, points[..., 1], bend)
+    normals, points = np.einsum("fwij,fwj->fwi", turn, normals), bend_points(scene, points, bend)
+    ends = np.einsum("fwk,fwk->fw", points - foot[:, None], normals)
+    return normals, ends
 
 
 @dataclass
 class _Unfold:
-    """Reflects directions in the mirrors of a way (normal, whether it has it); the same both ways.
-
-    The mirrors of one way are at right angles, so their order does not matter.
-    """
+    """Reflects directions in the mirrors of a way, as it meets them (normal, whether it has it)."""
 
     mirrors: list[tuple[mi.Vector3f, mi.Bool]]
 
     def __call__(self, direction: mi.Vector3f) -> mi.Vector3f:
-        """Return the reflected directions."""
-        for normal, applies in self.mirrors:
+        """Return directions as they are behind all mirrors."""
+        return self._reflected(direction, self.mirrors)
+
+    def back(self, direction: mi.Vector3f) -> mi.Vector3f:
+        """Return directions as they were before."""
+        return self._reflected(direction, self.mirrors[::-1])
+
+    def _reflected(
+        self, direction: mi.Vector3f, mirrors: list[tuple[mi.Vector3f, mi.Bool]]
+    ) -> mi.Vector3f:
+        for normal, applies in mirrors:
             onto = 2.0 * dr.dot(direction, normal) * normal
             direction = direction - dr.select(applies, onto, 0.0)
         return direction
