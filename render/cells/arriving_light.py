@@ -1,12 +1,13 @@
 """Directions from which the light of each lamp arrives at the coating, learned from photons.
 
-On a bent clear pad of smooth faces light comes to a facet over the lower face, walls and ends in
-many orders. No connection finds these ways, and no formula aims at all of them: a concave face
-shows a lamp several times. So photons are followed from each lamp to the coating, or to a wall that
-is painted white, and the directions in which they arrive there are counted, per lamp and *place*: a
-cube of space, and the way that the surface faces. Camera subpaths draw directions from these counts
-(path guiding, Vorba et al. 2014, by histograms). What they miss other directions find, with the
-density of all of them together in the MIS weights: counts cost time, not truth.
+On a bent pad of smooth faces that is clear, or has a thin layer, light comes to a facet over the
+lower face, walls and ends in many orders. No connection finds these ways, and no formula aims at
+all of them: a concave face shows a lamp several times. So photons are followed from each lamp to
+the coating, or to a wall that is painted white, and the directions in which they arrive there are
+counted, per lamp and *place*: a cube of space, and the way that the surface faces. Camera subpaths
+draw directions from these counts (path guiding, Vorba et al. 2014, by histograms). What they miss
+other directions find, with the density of all of them together in the MIS weights: counts cost
+time, not truth.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ SLOTS = 512
 """Of equal probability, by which bins are drawn."""
 AROUND = 32.0
 """Photons of a place that all of its cube together, seen from there, count as."""
+BESIDE = 0.01
+"""Photons that a bin counts for each bin about it where one came: what shows a lamp moves from
+place to place, and a bin that only cosines find has a hundred times the light of the others."""
 COSINE_MIN = 0.1
 """Least cosine of arrival when photons are counted as radiance."""
 
@@ -213,9 +217,19 @@ def _shares(cubes: Numbered, number: Numbered, arrivals: _Arrivals) -> Array:
     around = together.reshape(-1, BINS)[cube] * np.maximum(facing @ _middles().T, 0.0)
     total = around.sum(axis=1, keepdims=True)
     counts += AROUND * around / np.where(total > 0, total, 1.0)
+    counts += BESIDE * _lit_beside(counts > 0)
     # A lamp fills a bin in part: where h of its directions meet it, photons count h, and variance
     # is least for densities that go by the root of h.
     return np.sqrt(counts)
+
+
+def _lit_beside(lit: NDArray[np.bool_]) -> Array:
+    """Return how many bins are ``lit (place, bin)`` of each and the eight about it."""
+    grid = lit.reshape(-1, HEIGHTS, AZIMUTHS).astype(np.float64)
+    grid = grid + np.roll(grid, 1, axis=2) + np.roll(grid, -1, axis=2)
+    # There is nothing beyond the poles.
+    grid = np.pad(grid, ((0, 0), (1, 1), (0, 0)))
+    return np.asarray((grid[:, :-2] + grid[:, 1:-1] + grid[:, 2:]).reshape(lit.shape))
 
 
 def _slots(shares: Array) -> Numbered:

@@ -69,16 +69,16 @@ NODES = 8
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
 AIMED_MAX, AIMED_MIN = 0.8, 0.1
 """What of the guided directions is aimed at the lamp itself, on clear pads and on milky ones."""
+THIN_DEPTH = 1.0
+"""Optical depth up to which directions are learned from photons behind a layer."""
 AIMED_LEARNED = 0.3
 """The same where the others go by what photons say, at most."""
 
 
-def diffuser_depth(scene: Scene) -> float:
-    """Return the optical depth of diffuser before a lamp, straight through, the least of all."""
-    layer = scene.diffuser
-    if layer is None:
-        return 0.0
-    return (layer.sigma_s + layer.sigma_a) * float(flat_fiber_poses(scene).milky.min())
+def diffuser_depths(scene: Scene) -> Array:
+    """Return the optical depth of diffuser before each lamp, straight through, ``(lamp,)``."""
+    layer, milky = scene.diffuser, flat_fiber_poses(scene).milky
+    return np.asarray((0.0 if layer is None else layer.sigma_s + layer.sigma_a) * milky)
 
 
 def lamps_are_seen(scene: Scene) -> bool:
@@ -92,7 +92,7 @@ def lamps_are_seen(scene: Scene) -> bool:
     if any(lamp.solid for lamp in scene.placed_lamps()):
         return True
     smoothest = min(finish.roughness for finish in scene.finishes if finish.paint is None)
-    return diffuser_depth(scene) < MILKY_DEPTH or smoothest < CLEAR_ROUGHNESS
+    return bool(diffuser_depths(scene).min() < MILKY_DEPTH) or smoothest < CLEAR_ROUGHNESS
 
 
 @dataclass(frozen=True)
@@ -191,9 +191,10 @@ class PadSampler:
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
         self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
-        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-diffuser_depth(scene))))
-        # Behind a layer that scatters the glow is the surer guide.
-        clear = scattering_medium(scene) is None or diffuser_depth(scene) < 1.0
+        depths = diffuser_depths(scene)
+        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-depths.min())))
+        # Behind a layer that scatters most light the glow is the surer guide.
+        clear = scattering_medium(scene) is None or bool(depths.max() < THIN_DEPTH)
         self.glow: FiberGlow | ArrivingLight
         if self.aim and clear and self.mirror.curved and mirrors[LOWER]:
             self.glow = ArrivingLight(self.pad, self.light, scene.lamp_count)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
     from render.sampling.pssmlt import MarkovChains
 
-VERSION = 18
+VERSION = 19
 SHARED_VERSION = 4
 """Of renders of all lamps at once (``render.reference.shared_lamps``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]

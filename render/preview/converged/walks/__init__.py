@@ -4,8 +4,8 @@ Frame of this room (mm): ``x`` across, ``v = y - pivot``, ``w = thickness - z`` 
 of `render.geometry.bending`: the origin lies on the coating, ``w`` grows towards the camera.
 With the coating's curvature kappa, the level ``g = kappa (v^2 + w^2) / 2 + w`` of a point at depth
 delta below the coating is ``delta + kappa delta^2 / 2`` at any bend, 0 included; ends of the block
-are planes through the bend's axis. So every face is a plane or a quadric, but for a skin that is not flat, to which rays go in steps
-(`way_to_skin`).
+are planes through the bend's axis. So every face is a plane or a quadric, but for a skin that is
+not flat, to which rays go in steps (`way_to_skin`).
 A flat block may be two clear media, pad over window, which meet at the plane of depth ``bond``.
 
 Paths are analog (a photon lives or dies) but for masking at rough faces.
