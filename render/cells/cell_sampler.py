@@ -196,7 +196,7 @@ class PadSampler:
         # Behind a layer that scatters most light the glow is the surer guide.
         clear = scattering_medium(scene) is None or bool(depths.max() < THIN_DEPTH)
         self.glow: FiberGlow | ArrivingLight
-        if self.aim and clear and self.mirror.curved and mirrors[LOWER]:
+        if self.aim and clear and self.mirror.curved:
             self.glow = ArrivingLight(self.pad, self.light, scene.lamp_count)
             aimed = min(aimed, AIMED_LEARNED)
         else:
