@@ -21,6 +21,7 @@ from render.arrays import Array
 from render.cells.bonded_aim import BondedWay, way_over_bond
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.geometry import LOWER, bend_frames, bend_points, fiber_poses, flat_fiber_poses
+from render.geometry.lamp_poses import FiberPoses
 from render.paths.reflection_lobe import ReflectionLobe
 from render.scene import Scene
 
@@ -61,13 +62,14 @@ class LampAim:
     def __init__(self, scene: Scene, bend: float, mirror: LowerFaceMirror) -> None:
         """Upload the lamps; ``bend`` in radians."""
         poses = fiber_poses(scene, bend)
+        faced = _at_faces(scene, bend, poses) if mirror.curved else poses
         # Lamps in the silicone are seen where they are.
-        inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, poses.foot)
+        inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, faced.foot)
         from_below = (poses.face == LOWER) & ~inside
         # Planes of the walls beside a lamp and of those before and behind it.
-        walls, ends = _walls(scene, bend, foot)
-        self.walls = mi.Float(np.column_stack([ends, from_below]).astype(np.float32).ravel())
-        self.wall_normals = mi.Float(walls.astype(np.float32).ravel())
+        normals, places = _walls(scene, bend, foot)
+        self.walls = mi.Float(np.column_stack([places, from_below]).astype(np.float32).ravel())
+        self.wall_normals = mi.Float(normals.astype(np.float32).ravel())
         self.mirror = mirror
         ends = poses.position[:, 2] - poses.radius
         lowest = ends[~from_below & ~inside].min(initial=np.inf) if bend == 0.0 else np.inf
@@ -83,7 +85,7 @@ class LampAim:
         total = sum(way.share for way in ways)
         self.ways = [replace(way, share=way.share / total) for way in ways]
         self.inside = mi.Bool(inside) if inside.any() else None
-        frames = np.stack([foot, poses.face_inward, poses.position], axis=1)
+        frames = np.stack([foot, faced.face_inward, poses.position], axis=1)
         self.frames = mi.Float(frames.astype(np.float32).ravel())
         slope = np.array([finish.roughness for finish in scene.finishes]) / np.sqrt(2.0)
         self.radius = mi.Float(poses.radius.astype(np.float32))
@@ -304,6 +306,18 @@ def face_crossing(
         slope_out = dr.square(outside) * distant * distant * distant
         lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
     return lateral
+
+
+def _at_faces(scene: Scene, bend: float, poses: FiberPoses) -> FiberPoses:
+    """Return ``poses`` with foot and inward normal of the face itself.
+
+    A lamp moves with the bend as if the pad went on up to it, so before an end it is turned more.
+    """
+    flat = flat_fiber_poses(scene)
+    turn = bend_frames(scene, flat.foot[:, 1], bend)
+    inward = np.einsum("fij,fj->fi", turn, flat.face_inward)
+    off = ((poses.position - bend_points(scene, flat.foot, bend)) * inward).sum(axis=1)
+    return replace(poses, foot=poses.position - off[:, None] * inward, face_inward=inward)
 
 
 def _walls(scene: Scene, bend: float, foot: Array) -> tuple[Array, Array]:

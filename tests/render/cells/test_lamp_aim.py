@@ -12,7 +12,7 @@ import pytest
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.geometry import facets, fiber_poses
+from render.geometry import bend_points, facets, fiber_poses
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
@@ -215,3 +215,50 @@ def test_lamps_in_the_silicone_are_aimed_at_over_each_wall_whatever_face_is_next
             assert min(off) < 1e-3
             cells.add(images[int(np.argmin(off))][0])
         assert len(cells) == 18
+
+
+def bent_end(scene: Scene, bend: float, edge: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a point of a wall of a bent pad and its outward normal, from three of its points."""
+    width, length, thickness = scene.pad.width / 2, scene.pad.length / 2, scene.pad.thickness
+    place = {
+        "left": [[-width, y, z] for y, z in ((-1.0, 0.0), (1.0, 0.0), (0.0, thickness))],
+        "right": [[width, y, z] for y, z in ((-1.0, 0.0), (1.0, 0.0), (0.0, thickness))],
+        "tip": [[x, length, z] for x, z in ((-1.0, 0.0), (1.0, 0.0), (0.0, thickness))],
+        "base": [[x, -length, z] for x, z in ((-1.0, 0.0), (1.0, 0.0), (0.0, thickness))],
+    }[edge]
+    a, b, c = bend_points(scene, np.array(place), bend)
+    normal = np.cross(b - a, c - a)
+    middle = bend_points(scene, np.array([0.0, 0.0, thickness / 2]), bend)
+    return a, normal / np.linalg.norm(normal) * np.sign((a - middle) @ normal)
+
+
+@pytest.mark.parametrize("bend", [0.0, np.pi / 4])
+@pytest.mark.parametrize(
+    ("fiber", "edge", "over", "wall", "opposite"),
+    [(0, "left", "base", -1, 0), (0, "left", "tip", 1, 0), (0, "left", "right", 0, 1),
+     (1, "tip", "left", -1, 0), (1, "tip", "right", 1, 0), (1, "tip", "base", 0, 1)],
+)  # fmt: skip
+def test_directions_are_aimed_over_walls_and_ends(
+    mono: ModuleType, bend: float, fiber: int, edge: str, over: str, wall: int, opposite: int
+) -> None:
+    """Followed to the wall, back to the lamp's face and out by Snell's law, plane by plane."""
+    scene = scene_of_case("far lamp")
+    aim, a = aim_of(scene, bend), facets(scene, bend).site_position[1]
+    (way,) = [
+        way for way in aim.ways
+        if (way.wall, way.opposite, way.mirrored, way.below) == (wall, opposite, False, False)
+    ]  # fmt: skip
+    zero = mono.Float([0.0])
+    drawn = aim.sample_way(mono.UInt32([fiber]), lanes(mono, a, 1), way, zero, zero)
+    d = np.array(drawn, dtype=np.float64)[:, 0]
+    place, normal = bent_end(scene, bend, over)
+    assert d @ normal > 0
+    met = a + d * ((place - a) @ normal) / (d @ normal)
+    d = d - 2.0 * (d @ normal) * normal
+    place, normal = bent_end(scene, bend, edge)
+    left = met + d * ((place - met) @ normal) / (d @ normal)
+    along = scene.pad.index * (d - (d @ normal) * normal)
+    out = along + np.sqrt(1.0 - along @ along) * normal
+    lamp = fiber_poses(scene, bend).position[fiber]
+    arrived = left + out * ((lamp - left) @ normal) / (out @ normal)
+    np.testing.assert_allclose(arrived, lamp, atol=5e-3)
