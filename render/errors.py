@@ -27,6 +27,10 @@ class TableError(TactiluxError):
     """A transport table with missing, non-finite or mismatched cells."""
 
 
+class ReadError(TactiluxError):
+    """A file that is whole for all that is known, but cannot be read just now; it stays."""
+
+
 class ModelError(TactiluxError):
     """A surrogate model file that is corrupt, foreign, or made for another scene."""
 

@@ -23,10 +23,18 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from render.errors import TableError
+from render.errors import ReadError, TableError
 
 TEMPORARY = re.compile(r"\..+\.[0-9a-f]{32}")
 """Names of files and folders that are not finished; a killed process leaves them behind."""
+SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+"""Of handles and memory, which other programs take."""
+DAMAGE = (
+    ValueError, EOFError, KeyError, RuntimeError, SyntaxError, OverflowError, zipfile.BadZipFile,
+    zlib.error,
+)  # fmt: skip
+"""What damaged or forged archives raise, from an unknown compression to an absurd header."""
+DAMAGED = "it is damaged, or holds no arrays"
 
 
 @contextmanager
@@ -210,6 +218,8 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
 
     Raises:
         TableError: when the file is missing, damaged, or holds anything but plain arrays.
+        ReadError: when it may well be whole, and memory, handles or rights do not suffice to read
+            it.
     """
     try:
         refuse_device(path)
@@ -222,27 +232,47 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
             return {name: np.asarray(stored[name]) for name in stored.files}
     except FileNotFoundError:
         raise TableError(f"{path} does not exist", field="table") from None
-    # What damaged or forged archives raise, from an unknown compression to an absurd shape.
-    except (
-        OSError,
-        ValueError,
-        EOFError,
-        KeyError,
-        MemoryError,
-        RuntimeError,
-        SyntaxError,
-        OverflowError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        why = error.strerror if isinstance(error, OSError) else "it is damaged, or holds no arrays"
-        raise TableError(f"{path} is not a readable .npz file: {why}", field="table") from None
+    except OSError as error:
+        # Damage leads to places before the beginning (EINVAL), or comes without a number.
+        if error.errno not in (None, errno.EINVAL):
+            raise _unread(path, error) from None
+        why = error.strerror or DAMAGED
+    except MemoryError as error:
+        # Of a large array, or of a damaged header that speaks of one.
+        if _may_be_whole(path):
+            raise _unread(path, error) from None
+        why = DAMAGED
+    except DAMAGE:
+        why = DAMAGED
+    raise TableError(f"{path} is not a readable .npz file: {why}", field="table")
+
+
+def _unread(path: Path, error: OSError | MemoryError) -> ReadError:
+    why, step = "there is not enough memory", "close other programs and try again"
+    if isinstance(error, OSError):
+        why = str(error.strerror)
+        step = step if error.errno in SHORTAGES else "mend that and try again"
+    return ReadError(f"{path} cannot be read, and is left as it is: {why}; {step}", field="table")
+
+
+def _may_be_whole(path: Path) -> bool:
+    """Return whether nothing shows that a file is damaged; it is read piece by piece."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.testzip() is None
+    except (OSError, MemoryError):
+        return True
+    except DAMAGE:
+        return False
 
 
 def read_or_drop(path: Path, *names: str) -> dict[str, np.ndarray] | None:
     """Return the arrays of a file that an earlier call kept, None without one.
 
     A file that is damaged, or lacks one of ``names``, is taken away, so that it is made again.
+
+    Raises:
+        ReadError: it cannot be read just now, and stays: it may be the work of hours.
     """
     if not path.exists():
         return None
@@ -252,5 +282,6 @@ def read_or_drop(path: Path, *names: str) -> dict[str, np.ndarray] | None:
         arrays = {}
     if arrays and arrays.keys() >= set(names):
         return arrays
-    path.unlink()
+    # Another process may have taken it away already.
+    path.unlink(missing_ok=True)
     return None

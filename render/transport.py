@@ -190,6 +190,7 @@ def load_table(path: Path) -> TransportTable:
 
     Raises:
         TableError: when the file is missing, is not such a table, or has bad cells.
+        ReadError: when memory, handles or rights do not suffice to read it.
     """
     arrays = read_npz(path)
     missing = {"T", "phi", "exposure", "lam"} - set(arrays)

@@ -235,32 +235,41 @@ def _preview(
         config.coarse,
     )  # fmt: skip
     parts = FinishedParts(folder, hashlib.sha256(repr(about).encode()).hexdigest())
-    preview = TrainingPreview.load(parts, MaterialRange.of(scene))
-    if preview is None:
-        told, nodes = in_stage(progress, "preview"), config.preview_nodes or PREVIEW_NODES
-        drawn, left_out = draw_material_grid(
-            scene, *nodes, materials=config.preview_materials, progress=told
-        )
-        error = interpolation_error(scene, drawn)
-        narrow = error.median > MAX_INTERPOLATION_ERROR and any(scene.turning)
-        if narrow and config.preview_nodes is None and drawn.free is None:
-            # As many as a preview that stands alone.
-            drawn = draw_grid(scene, *preview_nodes(scene), told)
-            error = interpolation_error(scene, drawn)
-        preview = TrainingPreview(drawn, error, left_out)
-        # Under a window the shader lacks up to a third of the light.
-        coarse = config.coarse and not scene.window_refracts
-        if drawn.free is None and not coarse:
-            following = in_stage(progress, "following light")
-            within = None if fit_time is None else fit_time.budget.seconds
-            grid = followed_grid(drawn, scene, within, following)
-            preview = replace(preview, grid=grid, converged=grid is not drawn)
-        if drawn.free is None:
-            followed = preview.grid if preview.converged else None
-            half_width = preview_half_width(scene, scale, drawn, followed)
-            preview = replace(preview, half_width=half_width)
-        preview.save(parts)
+    kept = TrainingPreview.load(parts, MaterialRange.of(scene))
+    preview = kept or _drawn(scene, config, progress)
+    drawn, asked = preview.grid, np.inf if fit_time is None else config.minutes
+    # Under a window the shader lacks up to a third of the light.
+    coarse = config.coarse and not scene.window_refracts
+    if drawn.free is None and not coarse and preview.may_converge(scene, asked):
+        following = in_stage(progress, "following light")
+        within = None if fit_time is None else fit_time.budget.seconds
+        grid = followed_grid(drawn, scene, within, following)
+        converged = grid is not drawn
+        gave_up = 0.0 if converged else asked
+        preview = replace(preview, grid=grid, converged=converged, gave_up=gave_up)
+    elif kept is not None:
+        return kept
+    if drawn.free is None:
+        followed = preview.grid if preview.converged else None
+        half_width = preview_half_width(scene, scale, drawn, followed)
+        preview = replace(preview, half_width=half_width)
+    preview.save(parts)
     return preview
+
+
+def _drawn(scene: Scene, config: TrainConfig, progress: OnProgress | None) -> TrainingPreview:
+    """Return the preview as the shader draws it, at nodes that its beams need."""
+    told, nodes = in_stage(progress, "preview"), config.preview_nodes or PREVIEW_NODES
+    drawn, left_out = draw_material_grid(
+        scene, *nodes, materials=config.preview_materials, progress=told
+    )
+    error = interpolation_error(scene, drawn)
+    narrow = error.median > MAX_INTERPOLATION_ERROR and any(scene.turning)
+    if narrow and config.preview_nodes is None and drawn.free is None:
+        # As many as a preview that stands alone.
+        drawn = draw_grid(scene, *preview_nodes(scene), told)
+        error = interpolation_error(scene, drawn)
+    return TrainingPreview(drawn, error, left_out)
 
 
 def _check(scene: Scene, table: TransportTable) -> None:

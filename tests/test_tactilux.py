@@ -34,7 +34,7 @@ def test_importing_it_loads_none_of_the_large_packages() -> None:
 
 def test_all_errors_are_one_family() -> None:
     errors = [getattr(tactilux, name) for name in tactilux.__all__ if name.endswith("Error")]
-    assert len(errors) == 8
+    assert len(errors) == 9
     assert all(issubclass(error, tactilux.TactiluxError) for error in errors)
 
 

@@ -39,7 +39,7 @@ def run(
     """Find a better lighting design in seconds."""
     from optimize.design import noise_words
     from optimize.exploration import explore
-    from optimize.report import print_scores, warnings, write_exploration
+    from optimize.report import DESIGN, print_scores, warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
         declared_tolerances,
@@ -47,7 +47,7 @@ def run(
         study_robustness,
     )
     from optimize.scoring import first_model, is_prompt, open_model
-    from optimize.ui.output import check_target
+    from optimize.ui.output import check_target, design_in
     from render.preview.gl import create_context
     from render.scene import load_scene
 
@@ -62,6 +62,7 @@ def run(
             )
         target = out or Path("runs") / f"{scene.name}-explore"
         check_target(target)
+        earlier = design_in(target / DESIGN)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
         # What takes a minute to answer is answered with few light paths before.
@@ -80,8 +81,10 @@ def run(
                     bar.note("  refining for what was asked")
                     found = study_robustness(found, robust, shadow, bar)
                 bar.note("  drawing pictures and the report")
+                # Only this command's own first answer gives way: it may be the earlier design.
+                keep_other = design_in(target / DESIGN) == earlier
                 result = write_exploration(
-                    found, target, lambda: time.monotonic() - began, keep_other=last != twice
+                    found, target, lambda: time.monotonic() - began, keep_other=keep_other
                 )
             if not last:
                 note(_first_answer(found, target, time.monotonic() - began))

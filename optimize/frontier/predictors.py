@@ -144,7 +144,7 @@ def _take_shipped(levels: Predictors, scene: Scene, shipped: Checker | None) -> 
 
 
 def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgress) -> Predictor:
-    """Train on few renders, or take the model that the same request made before."""
+    """Train on few renders, or take the model that the same request made last."""
     from surrogate.train import train
 
     folder = setup.folder / FEW
@@ -155,22 +155,35 @@ def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgre
         train(setup.scene, folder, seed=seed, config=config, progress=told)
         return Checker.for_scene(folder, setup.scene)
 
-    if key in setup.seconds:
+    if setup.few == key:
         return Predictor(FEW_RENDERS, Checker.for_scene(folder, setup.scene), setup.seconds[key])
-    return replace(setup.timed(key, trained), level=FEW_RENDERS)
+    # One that is cut off may leave the model of one request beside the renders of another.
+    setup.few_is_of("")
+    made = setup.timed(key, trained)
+    setup.few_is_of(key)
+    return replace(made, level=FEW_RENDERS)
 
 
 class _Setup:
-    """Seconds that levels took to be ready, kept in a folder: of the first time, without caches."""
+    """Seconds that levels took to be ready, kept in a folder: of the first time, without caches.
+
+    ``few`` is the request whose model and renders lie in the folder `FEW`, empty where none do.
+    """
 
     def __init__(self, folder: Path, scene: Scene) -> None:
         self.folder, self.scene, self.seconds = folder, scene, dict[str, float]()
+        self.few = ""
         kept = read_json(folder / SETUP)
-        if kept.get("scene_hash") == scene.hash:
-            numbers = {key: kept[key] for key in kept if key != "scene_hash"}
-            self.seconds = {key: float(str(value)) for key, value in numbers.items()}
+        if kept.pop("scene_hash", None) == scene.hash:
+            self.few = str(kept.pop(FEW, ""))
+            self.seconds = {key: float(str(value)) for key, value in kept.items()}
         else:
             self._write()
+
+    def few_is_of(self, key: str) -> None:
+        """Remember whose training the folder `FEW` holds."""
+        self.few = key
+        self._write()
 
     def timed(self, level: str, make: Callable[[], Checker]) -> Predictor:
         """Return what ``make`` makes, with the seconds that it took the first time."""
@@ -182,7 +195,8 @@ class _Setup:
         return Predictor(level, checker, self.seconds[level])
 
     def _write(self) -> None:
-        write_json(self.folder / SETUP, {"scene_hash": self.scene.hash} | self.seconds)
+        about = {"scene_hash": self.scene.hash, FEW: self.few}
+        write_json(self.folder / SETUP, about | self.seconds)
 
 
 @contextmanager

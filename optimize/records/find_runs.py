@@ -16,13 +16,17 @@ from optimize.records.run_record import (
     kind_of_result,
     read_record,
 )
-from optimize.report import DESIGN, REPORT
+from optimize.report import BASELINE, DESIGN, REPORT
 from optimize.ui.output import MANIFEST
 from render.files import TEMPORARY
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, SUM_FILE
 
 LEFT_BEHIND = re.compile(r"\.(.+)\.[0-9a-z_]{8}")
 """Folders in which a result is put together before it has its name (``tempfile.mkdtemp``)."""
+OWN_FILES = {BASELINE, DESIGN, MODEL_FILE, RECORD}
+"""What such a folder holds soon; others may give their hidden folders names of the same form."""
+COMPARED = "compare"
+"""Begin of the name of the folder for renders of ``compare``, which leaves nothing else behind."""
 SKIPPED = ("node_modules", "site-packages", "__pycache__")
 PLAY_MARK = b'<script type="application/json" id="page">'
 BEGINNING = 200_000
@@ -52,8 +56,10 @@ def _runs(folder: Path, on_unread: Callable[[OSError], None] | None) -> Iterator
         here = Path(place)
         own = _own(here, set(files))
         yield from own
-        yield from (_half_written(here / name) for name in sorted(folders)
-                    if TEMPORARY.fullmatch(name) or LEFT_BEHIND.fullmatch(name))  # fmt: skip
+        hidden = (here / name for name in sorted(folders)
+                  if TEMPORARY.fullmatch(name) or LEFT_BEHIND.fullmatch(name))  # fmt: skip
+        yield from (_half_written(path, names) for path in hidden
+                    if (names := _names(path)) & OWN_FILES)  # fmt: skip
         # What lies in a night or a model is of that run.
         inside = any(record.kind in ("overnight", "train") for record in own)
         folders[:] = [] if inside else [
@@ -99,7 +105,9 @@ def _unfinished(here: Path, files: set[str]) -> list[RunRecord]:
     if end != "renders":
         return []
     rendered = any(name.endswith(".npz") for name in files)
-    if rendered and not beside.with_suffix(".json").exists() and not beside.exists():
+    # Of the design `my.v2.json` the renders are in `my.v2-renders`.
+    design = beside.with_name(f"{beside.name}.json")
+    if rendered and stem != COMPARED and not design.exists() and not beside.exists():
         return [_goes_on("optimize", here, f"no result in {beside} yet")]
     if any(name.endswith(".state.npz") for name in files):
         return [_goes_on("verify", here, "a render was cut off")]
@@ -113,9 +121,16 @@ def _goes_on(kind: str, path: Path, why: str) -> RunRecord:
     )
 
 
-def _half_written(path: Path) -> RunRecord:
+def _names(folder: Path) -> set[str]:
+    """Return the names in ``folder``, none where it may not be read."""
+    try:
+        return {item.name for item in folder.iterdir()}
+    except OSError:
+        return set()
+
+
+def _half_written(path: Path, files: set[str]) -> RunRecord:
     """Return the run that was being put together when its process ended, or is just now."""
-    files = {item.name for item in path.iterdir()} if path.is_dir() else set()
     kind = "train" if MODEL_FILE in files else "overnight" if RECORD in files else "explore"
     why = "half written: a process works in it, or was killed and it can be deleted"
     return RunRecord(kind, path, path.stat().st_mtime, "unfinished", note=why.capitalize())

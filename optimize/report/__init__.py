@@ -1,6 +1,7 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
 
 from optimize.report.exploration_report import (
+    BASELINE,
     DESIGN,
     PLAY,
     REPORT,

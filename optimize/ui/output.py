@@ -116,10 +116,16 @@ def write_result(path: Path, content: bytes) -> None:
         write_bytes(path, content)
 
 
+def design_in(path: Path) -> dict[str, object]:
+    """Return what makes the design in a file one design; nothing where there is none."""
+    content = read_json(path)
+    return {key: content.get(key) for key in DESIGN_KEYS} if content else {}
+
+
 def _differ(earlier: Path, later: Path) -> bool:
     """Return whether two design files hold different designs, or designs of different scenes."""
-    first, second = read_json(earlier), read_json(later)
-    return bool(first) and any(first.get(key) != second.get(key) for key in DESIGN_KEYS)
+    first = design_in(earlier)
+    return bool(first) and first != design_in(later)
 
 
 def _free_name(target: Path) -> Path:

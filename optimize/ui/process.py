@@ -57,6 +57,9 @@ def run_process(load: Callable[[], Callable[[], None]]) -> None:
         for number in numbers:
             signal.signal(number, _end)
         command()
+    except KeyboardInterrupt as error:
+        # While the command said its last words.
+        sys.exit(interruption(error))
     finally:
         _by_default(numbers)
 

@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from render.preview.converged import ConvergedTransport, refinements
+from render.preview.converged import ConvergedTransport, is_kept, refinements
 from render.progress import OnProgress, Progress
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
@@ -35,6 +35,8 @@ class TrainingPreview:
         converged: whether light was followed to every facet, or as the shader draws it.
         half_width: of the interval of its scores, counts (`surrogate.preview_interval`); None where
             the scene leaves its material free.
+        gave_up: minutes of the training in which following light would have taken too long; 0
+            where that is not known.
     """
 
     grid: PreviewGrid
@@ -42,6 +44,15 @@ class TrainingPreview:
     left_out: InterpolationError | None
     converged: bool = False
     half_width: float | None = None
+    gave_up: float = 0.0
+
+    def may_converge(self, scene: Scene, minutes: float) -> bool:
+        """Return whether light should be followed, in a training of ``minutes``.
+
+        The same minutes give up again, so that a training that goes on ends bit-equal; but where
+        all light of ``scene`` was followed meanwhile, it costs nothing.
+        """
+        return not self.converged and (minutes > self.gave_up or is_kept(scene))
 
     def save(self, parts: FinishedParts) -> None:
         """Keep it in ``parts``."""
@@ -52,6 +63,7 @@ class TrainingPreview:
             "floored": np.array(self.grid.floored),
             "error": np.array(astuple(self.error)),
             "converged": np.array(self.converged),
+            "gave_up": np.array(self.gave_up),
         }
         if self.grid.photon_noise is not None:
             named["photon_noise"] = np.array(self.grid.photon_noise)
@@ -83,6 +95,7 @@ class TrainingPreview:
             None if left_out is None else InterpolationError(*left_out),
             bool(kept["converged"]),
             None if half_width is None else float(half_width),
+            float(kept.get("gave_up", 0.0)),
         )
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from render import files
-from render.errors import TableError
+from render.errors import ReadError, TableError
 from tests.disk import DURABLE, logged_disk
 
 
@@ -109,3 +113,93 @@ def test_a_folder_of_the_system_that_takes_no_files_is_no_place_for_one(tmp_path
     assert not files.can_create(Path("/proc/a"))
     (tmp_path / "file").touch()
     assert not files.can_create(tmp_path / "file" / "a")
+
+
+def short_of(error: Exception) -> Callable[..., None]:
+    """Return what fails with ``error`` instead of reading, as on a machine that is short of it."""
+
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MemoryError(), "there is not enough memory; close other programs and try again"),
+        (
+            OSError(errno.EMFILE, "Too many open files"),
+            "Too many open files; close other programs and try again",
+        ),
+        (OSError(errno.EACCES, "Permission denied"), "Permission denied; mend that and try again"),
+        (OSError(errno.EIO, "Input/output error"), "Input/output error; mend that and try again"),
+    ],
+    ids=["memory", "handles", "rights", "disk"],
+)
+def test_a_kept_file_outlives_a_shortage_which_is_one_sentence(
+    error: Exception, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kept.passes.npz"
+    files.write_npz(path, {"estimate": np.arange(3.0)})
+    with monkeypatch.context() as short:
+        short.setattr(np, "load", short_of(error))
+        with pytest.raises(ReadError) as raised:
+            files.read_or_drop(path, "estimate")
+    assert str(raised.value) == f"{path} cannot be read, and is left as it is: {said}"
+    kept = files.read_or_drop(path, "estimate")
+    assert kept is not None
+    assert kept["estimate"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_header_that_damage_makes_absurd_is_no_shortage(tmp_path: Path) -> None:
+    path = tmp_path / "kept.npz"
+    files.write_npz(path, {"estimate": np.arange(3.0)})
+    content = path.read_bytes()
+    assert content.count(b"(3,), }             ") == 1
+    path.write_bytes(content.replace(b"(3,), }             ", b"(3000000000000000,)}"))
+    with pytest.raises(TableError, match="it is damaged"):
+        files.read_npz(path)
+    assert files.read_or_drop(path) is None
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"half", b"PK\5\6"])
+def test_what_is_damaged_or_lacks_a_name_is_taken_away(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "kept.npz"
+    path.write_bytes(content)
+    assert files.read_or_drop(path) is None
+    assert not path.exists()
+    files.write_npz(path, {"other": np.arange(3.0)})
+    assert files.read_or_drop(path, "estimate") is None
+    assert not path.exists()
+
+
+def test_a_member_that_would_lie_before_the_beginning_is_damage(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, a=np.arange(3.0))
+    with zipfile.ZipFile(stream) as archive:
+        start = archive.start_dir
+    content = bytearray(stream.getvalue())
+    del content[start - 20 : start]
+    path = tmp_path / "kept.npz"
+    path.write_bytes(content)
+    assert files.read_or_drop(path) is None
+    assert not path.exists()
+
+
+def test_what_another_process_takes_away_meanwhile_is_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "kept.npz"
+    path.write_bytes(b"half")
+    read = files.read_npz
+
+    def read_late(path: Path) -> dict[str, np.ndarray]:
+        try:
+            return read(path)
+        finally:
+            path.unlink()
+
+    monkeypatch.setattr(files, "read_npz", read_late)
+    assert files.read_or_drop(path) is None

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from render.errors import TableError
+from render.preview.converged import Effort, cache, converged_transport
 from render.progress import Progress
 from render.reference import TimeBudget, TransportEstimate
 from render.scale import scene_scale
@@ -20,7 +21,8 @@ from render.transport import TransportTable, load_table
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from surrogate.runtime.metadata import NONE
-from surrogate.train import TrainConfig, Trained, train
+from surrogate.train import TrainConfig, Trained, _fit_time, _preview, train
+from surrogate.training import training_preview
 from surrogate.training.render_plan import (
     RenderTime,
     data_hash,
@@ -30,6 +32,7 @@ from surrogate.training.render_plan import (
     rendered_seconds,
     training_bends,
 )
+from surrogate.training.training_preview import TrainingPreview
 from tests.disk import DURABLE, logged_disk
 from tests.oracles.random_scenes import random_scene
 
@@ -211,3 +214,66 @@ def test_the_scale_is_the_previews_whatever_was_rendered(trained: Trained, scene
     assert (trained.metadata.exposure, trained.metadata.lam) == (scale.exposure, scale.lam)
     # The invented renders are brighter than the preview, by about exp(0.4 + 0.3).
     assert trained.baseline_counts == pytest.approx(230 * np.exp(0.7), rel=0.3)
+
+
+BRIEF, LONG = 1e-5, 600.0
+"""Minutes in which light cannot be followed, and in which it can."""
+
+
+@pytest.fixture
+def made_preview(
+    make_scene: Callable[..., Scene],
+    quick: TrainConfig,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> tuple[Scene, Callable[[float | None], TrainingPreview]]:
+    """Give a flat sensor, and what makes its training's preview in so many minutes, None in all."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(cache, "EFFORT", Effort(photons=2000, paths=128, arrivals=20_000))
+    monkeypatch.setattr(training_preview, "NOISE_GOAL", 1.0)
+    scene = make_scene(bending={"angles": {"value": [0.0], "unit": "deg", "source": "flat"}})
+    scale = scene_scale(scene)
+
+    def made(minutes: float | None) -> TrainingPreview:
+        config = replace(quick, coarse=False, preview_nodes=(5, 1), minutes=minutes or 0.0)
+        timed = None
+        if minutes is not None:
+            timed = _fit_time(scene, tmp_path / "run", 0, config, time.monotonic())
+        return _preview(scene, tmp_path / "run" / "fit", config, scale, timed, None)
+
+    return scene, made
+
+
+@pytest.mark.parametrize("more", [LONG, None], ids=["minutes", "samples"])
+def test_with_more_time_a_preview_is_converged_that_was_not(
+    made_preview: tuple[Scene, Callable[[float | None], TrainingPreview]], more: float | None
+) -> None:
+    _, made = made_preview
+    brief = made(BRIEF)
+    assert not brief.converged
+    found = made(more)
+    assert found.converged
+    assert not np.array_equal(found.grid.log_transport, brief.grid.log_transport)
+    # Once it is, it stays.
+    np.testing.assert_array_equal(made(BRIEF).grid.log_transport, found.grid.log_transport)
+
+
+def test_a_preview_is_converged_once_light_was_followed_elsewhere(
+    made_preview: tuple[Scene, Callable[[float | None], TrainingPreview]],
+) -> None:
+    scene, made = made_preview
+    assert not made(BRIEF).converged
+    converged_transport(scene)
+    assert made(BRIEF).converged
+
+
+def test_a_training_that_goes_on_in_the_same_minutes_tries_nothing_again(
+    made_preview: tuple[Scene, Callable[[float | None], TrainingPreview]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, made = made_preview
+    first = made(BRIEF)
+    monkeypatch.delattr("surrogate.train.followed_grid")
+    again = made(BRIEF)
+    assert again == replace(first, grid=again.grid)
+    np.testing.assert_array_equal(again.grid.log_transport, first.grid.log_transport)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -430,3 +431,28 @@ def test_a_camera_that_sees_no_site_is_refused_and_drawn(tactilux: Run, tmp_path
     assert result.code == 2
     assert "the camera sees none of 15 sites whole" in result.err
     assert "</svg>" in (tmp_path / "sensor.svg").read_text()
+
+
+def test_a_kept_preview_outlives_a_shortage_of_handles_which_is_said(
+    refused: Callable[..., str],
+    tactilux: Run,
+    design: Path,
+    small_scene: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    words = ("score", design, "--scene", small_scene, "--coarse")
+    assert tactilux(*words).code == 0
+    (kept,) = (tmp_path / "cache").rglob("preview-*.npz")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as short:
+        short.setattr(np, "load", fail)
+        assert refused(*words) == (
+            f"tactilux: {kept} cannot be read, and is left as it is: Too many open files; close "
+            "other programs and try again"
+        )
+    assert tactilux(*words).code == 0

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import pytest
 
 from optimize.design import load_design, load_design_file
 from optimize.scoring import TableScorer, search_table
+from optimize.ui.output import fresh_directory, write_manifest
 from render.preview.converged import Effort, cache
 from render.scene import load_scene
 from surrogate.runtime import Checker
@@ -214,3 +216,58 @@ def test_the_log_has_the_scores_of_the_result(explored: Explored) -> None:
     logged = re.findall(r" s  (\S.*?)\s+score\s+(\S+)", explored.log)
     assert logged[0] == ("start", f"{explored.result['baseline']['score']:.3f}")
     assert logged[-1][1] == f"{explored.result['optimized']['score']:.3f}"
+
+
+@pytest.fixture
+def answers(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
+    """Return the angles that ``explore`` answers, ``first`` and ``last``, instead of a search."""
+    angles = {"first": 1.0, "last": 2.0}
+
+    def level(which: str) -> Callable[..., Any]:
+        return lambda *_, **__: SimpleNamespace(level=which, file=None, photon_noise=None)
+
+    def write(found: Any, target: Path, elapsed: object, *, keep_other: bool) -> dict[str, object]:
+        with fresh_directory(target, keep="design.json" if keep_other else "") as folder:
+            design = {"scene_hash": "ab", "angles_deg": [angles[found.level]], "power": [1]}
+            (folder / "design.json").write_text(json.dumps(design))
+            write_manifest(folder, {})
+        return {}
+
+    monkeypatch.setattr("optimize.scoring.is_prompt", lambda *_: False)
+    monkeypatch.setattr("optimize.scoring.first_model", level("first"))
+    monkeypatch.setattr("optimize.scoring.open_model", level("last"))
+    monkeypatch.setattr("optimize.exploration.explore", lambda scene, checker, **_: checker)
+    monkeypatch.setattr("optimize.report.write_exploration", write)
+    monkeypatch.setattr("optimize.cli.explore._first_answer", lambda *_: "First answer")
+    return angles
+
+
+def angles_in(place: Path) -> dict[str, float]:
+    """Return the angle of the design in each folder."""
+    found = place.glob("*/design.json")
+    return {path.parent.name: json.loads(path.read_text())["angles_deg"][0] for path in found}
+
+
+def test_a_first_answer_gives_way_to_the_last_and_an_earlier_design_is_kept(
+    tactilux: Run, answers: dict[str, float], tmp_path: Path
+) -> None:
+    assert tactilux("explore", "finger20", "--out", "run", "--json").code == 0
+    assert angles_in(tmp_path) == {"run": 2.0}
+    answers |= {"first": 3.0, "last": 4.0}
+    assert tactilux("explore", "finger20", "--out", "run", "--json").code == 0
+    assert angles_in(tmp_path) == {"run": 4.0, "run-1": 2.0}
+
+
+def test_an_earlier_design_that_is_the_first_answer_again_is_kept_with_its_renders(
+    tactilux: Run, answers: dict[str, float], tmp_path: Path
+) -> None:
+    answers["last"] = answers["first"]
+    assert tactilux("explore", "finger20", "--out", "run", "--json").code == 0
+    verified = Path("design-renders") / "verified-0123456789ab.json"
+    (tmp_path / "run" / verified.parent).mkdir()
+    (tmp_path / "run" / verified).write_text("{}")
+    answers["last"] = 2.0
+    assert tactilux("explore", "finger20", "--out", "run", "--json").code == 0
+    assert angles_in(tmp_path) == {"run": 2.0, "run-1": 1.0}
+    assert (tmp_path / "run-1" / verified).is_file()
+    assert not (tmp_path / "run" / verified.parent).exists()

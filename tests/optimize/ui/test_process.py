@@ -53,3 +53,33 @@ def test_a_signal_ends_a_process_whose_libraries_keep_to_themselves_what_imports
         process.send_signal(number)
         assert process.stdout.read() == ""
     assert process.returncode != 0
+
+
+REFUSING = """
+import os, signal, sys
+from optimize.ui.process import run_process
+
+def command():
+    try:
+        raise ValueError
+    except ValueError:
+        print("no such scene", file=sys.stderr)
+        os.kill(os.getpid(), signal.{name})
+        sys.exit(2)
+
+run_process(lambda: command)
+"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_a_signal_while_a_command_says_its_last_words_has_its_own_exit_code(
+    name: str, code: int
+) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", REFUSING.format(name=name)],
+        env={"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert (ended.returncode, ended.stderr) == (code, "no such scene\n")

@@ -105,10 +105,10 @@ def test_it_is_kept_with_its_kind_and_its_noise(drawn: PreviewGrid, tmp_path: Pa
     parts, error = FinishedParts(tmp_path, "key"), InterpolationError(0.1, 0.2, 0.3)
     for converged, noise in ((False, None), (True, 0.017)):
         grid = replace(drawn, photon_noise=noise)
-        TrainingPreview(grid, error, None, converged).save(parts)
+        TrainingPreview(grid, error, None, converged, gave_up=2.5).save(parts)
         kept = TrainingPreview.load(parts, None)
         assert kept is not None
         assert (kept.error, kept.left_out, kept.converged) == (error, None, converged)
         np.testing.assert_array_equal(kept.grid.log_transport, drawn.log_transport)
-        assert kept.grid.photon_noise == noise
+        assert (kept.grid.photon_noise, kept.gave_up) == (noise, 2.5)
     assert TrainingPreview.load(FinishedParts(tmp_path, "other"), None) is None
