@@ -1,8 +1,8 @@
 """Directions from which the light of each lamp arrives at the coating, learned from photons.
 
 On a bent pad that is clear, or has a thin layer, light comes to a facet over the lower face, walls
-and ends in many orders. Where these are smooth no connection finds these ways, and no formula aims at
-all of them: a concave face shows a lamp several times. So photons are followed from each lamp to
+and ends in many orders. Where these are smooth no connection finds these ways, and no formula aims
+at all of them: a concave face shows a lamp several times. So photons are followed from each lamp to
 the coating, or to a wall that is painted white, and the directions in which they arrive there are
 counted, per lamp and *place*: a cube of space, and the way that the surface faces. Camera subpaths
 draw directions from these counts (path guiding, Vorba et al. 2014, by histograms). What they miss

@@ -6,8 +6,8 @@ direction rarely finds that spot, so half of the directions at the facet are aim
 point of the diffuser's inner face, or of its mirror image below the pad. The mixture density
 enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
 
-On bent pads that are clear, or have a thin layer, directions are drawn from what photons say instead
-(``render.cells.arriving_light``).
+On bent pads that are clear, or have a thin layer, directions are drawn from what photons say
+instead (``render.cells.arriving_light``).
 """
 
 from __future__ import annotations
