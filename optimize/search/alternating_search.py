@@ -27,8 +27,8 @@ MAX_ROUNDS = 10
 class SearchStep(ScoredDesign):
     """The best design after a stage, a point of the convergence plot.
 
-    ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped``, ``quick``, ``tied``, ``free``
-    or ``power``. Lightings and seconds of wall time are those so far, all stages together.
+    ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped`` (or ``coarsely grouped``),
+    ``quick``, ``tied``, ``free`` or ``power``. Lightings and seconds of wall time are those so far, all stages together.
     """
 
     round: int
@@ -128,7 +128,7 @@ class _Rounds:
         self._record(number, result.method)
 
     def take_groups(self, number: int) -> None:
-        """Search colors in pairs, where the limits leave any pairs."""
+        """Search colors in pairs or larger groups, where the limits leave any."""
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:
