@@ -215,7 +215,10 @@ def choose_lambda(counts: np.ndarray, config: MetricConfig = THESIS) -> float:
     intensity, hue = (float(term.mean()) for term in metric_terms(counts, config))
     if not (np.isfinite(intensity) and np.isfinite(hue) and intensity > 0.0 and hue > MIN_HUE):
         dark = float(np.mean(counts.max(axis=-1) < DARK_COUNTS))
-        advice = "choose a baseline whose sides have different colors"
+        advice = (
+            "give the sides of the baseline different colors, or lamps of one side, as in "
+            '[baseline] left = ["red", "blue"]'
+        )
         if dark > 0.5:
             advice = (
                 f"{dark:.0%} of its facets have less than {DARK_COUNTS:g} count: widen the beams "

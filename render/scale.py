@@ -53,8 +53,8 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
 
     The 99.5th percentile of its counts at the least bend is 230, and both terms of eq. (4.6) weigh
     equally over all bends. Where all LEDs look alike but for brightness, as to a camera of one
-    channel, hue says nothing and lambda is 0. Constraints, tolerances and free ranges change
-    nothing, as they have no part in the hash.
+    channel, or where one lamp lights everything, hue says nothing and lambda is 0. Constraints,
+    tolerances and free ranges change nothing, as they have no part in the hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw the preview.
@@ -74,7 +74,8 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
             transport, _ = preview.transport(ahead, np.array(scene.state_axis))
     bend0 = int(np.argmin(scene.state_axis))
     power = baseline_power(scene)
-    return scale_of(transport[:, 0], power, bend0, config, one_hue=scene.palette.one_hue)
+    one_hue = scene.palette.one_hue or scene.lamp_count == 1
+    return scale_of(transport[:, 0], power, bend0, config, one_hue=one_hue)
 
 
 def scale_of(

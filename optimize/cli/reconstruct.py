@@ -52,14 +52,15 @@ def run(
         designs = [candidate.baseline, candidate.design]
         if samples is None:
             checker = open_model(candidate.scene, model)
+            level: str = checker.level
             pairs = [predicted_colors(checker, candidate.scene, design) for design in designs]
             known = shown = pairs
         else:
             known, shown = _rendered(path, candidate, designs, samples, seed)
+            level = "reference"
         noise = CameraNoise(read_noise, full_well)
         seeds = range(seed, seed + SEEDS)
         found = compare_reconstruction(candidate.scene, known, shown, noise, seeds)
-        level = "surrogate" if samples is None else "reference"
         result: dict[str, object] = {
             "level": level,
             "read_noise": read_noise,

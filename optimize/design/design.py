@@ -82,8 +82,12 @@ class Design:
 
     @property
     def monochrome(self) -> bool:
-        """Whether one color of several hues lights everything: then lam is too large."""
-        return not self.palette.one_hue and len(set(self.colors.tolist())) == 1
+        """Whether one color of several hues lights everything: then lam is too large.
+
+        A single lamp has no choice, and its hue no weight.
+        """
+        choice = not self.palette.one_hue and len(self.phi) > 1
+        return choice and len(set(self.colors.tolist())) == 1
 
 
 @dataclass(frozen=True, eq=False)

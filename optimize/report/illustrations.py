@@ -53,6 +53,7 @@ STYLE: Any = {
 STAGES = {
     "start": ("start", "#1c1f24"),
     "grouped": ("colors in pairs", "#93b4f5"),
+    "coarsely grouped": ("colors in groups", "#93b4f5"),
     "quick": ("colors, 2-opt", "#2f5fd0"),
     "tied": ("directions, tied", "#e0a458"),
     "free": ("directions, free", "#b45309"),

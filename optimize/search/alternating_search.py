@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from optimize.design import Colors, Design, ScoredDesign, SearchLimits
-from optimize.scoring import TableScorer
+from optimize.scoring import TableScorer, improves
 from optimize.search.colors import ColorResult, grouped_colors, quick_colors, renamed_like
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
 from optimize.search.local_refinement import refine_locally
@@ -27,8 +27,9 @@ MAX_ROUNDS = 10
 class SearchStep(ScoredDesign):
     """The best design after a stage, a point of the convergence plot.
 
-    ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped``, ``quick``, ``tied``, ``free``
-    or ``power``. Lightings and seconds of wall time are those so far, all stages together.
+    ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped`` (or ``coarsely grouped``),
+    ``quick``, ``tied``, ``free`` or ``power``. Lightings and seconds of wall time are those so far,
+    all stages together.
     """
 
     round: int
@@ -103,7 +104,10 @@ def alternating_search(
 
 
 class _Rounds:
-    """The best design so far and how it was reached; a stage never makes it worse."""
+    """The best design so far and how it was reached; a stage never makes it worse.
+
+    What gains no more than rounding is not taken: nobody rewires a sensor for that.
+    """
 
     def __init__(
         self, scorer: TableScorer, start: Design, progress: Callable[[SearchStep], None] | None
@@ -119,7 +123,7 @@ class _Rounds:
     def take_colors(self, number: int, result: ColorResult) -> None:
         """Accept better colors, named so that most fibers keep the color of the start."""
         self.evaluated += result.evaluated
-        if result.score > self.score:
+        if improves(result.score, self.score):
             colors = result.colors
             if self.scorer.colors_alike:
                 colors = renamed_like(colors, self.names, len(self.scorer.palette.names))
@@ -128,7 +132,7 @@ class _Rounds:
         self._record(number, result.method)
 
     def take_groups(self, number: int) -> None:
-        """Search colors in pairs, where the limits leave any pairs."""
+        """Search colors in pairs or larger groups, where the limits leave any."""
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:
@@ -163,7 +167,7 @@ class _Rounds:
     def _accept(self, design: Design, score: float, evaluated: int) -> None:
         """Take a better design."""
         self.evaluated += evaluated
-        if score > self.score:
+        if improves(score, self.score):
             self.design, self.score = design, score
 
     def finished(self, number: int, *, converged: bool) -> AlternatingResult:

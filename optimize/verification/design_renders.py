@@ -75,8 +75,8 @@ class DesignRenders:
     def doubt(self, settings: ScoreSettings, index: int, samples: int | None = None) -> str:
         """Say why the score of design ``index`` has not converged; "" where it has.
 
-        Its light has not, or noise hides what its facets differ by. ``samples`` are those per cell;
-        without them it asks for multiples.
+        Its light has not, or noise hides what its facets differ by; what lights nothing is known
+        without a render. ``samples`` are those per cell; without them it asks for multiples.
         """
         light, error = self.replicates[:, index].mean(axis=0), self.error[index]
         power = self.designs[index].power
@@ -86,6 +86,8 @@ class DesignRenders:
         else:
             power = power.sum(axis=1)
         lit = power > 0
+        if not lit.any():
+            return ""
         light, error = light[lit], error[lit]
         lost = ~converged(light, error)
         most = power[lit][:, None, None, None] * (light + np.where(lost, error, 0.0))

@@ -13,7 +13,7 @@ from render.errors import TableError
 from render.metric import image_counts, metric_terms
 from render.preview import Preview
 from render.scale import baseline_power, scene_scale
-from render.scene import Scene
+from render.scene import Scene, scene_text
 
 
 def scene_with(**changes: dict[str, Any]) -> Scene:
@@ -52,5 +52,17 @@ def test_scenes_of_one_hash_have_one_scale() -> None:
 
 
 def test_a_baseline_of_one_color_is_refused_before_anything_is_rendered() -> None:
-    with pytest.raises(TableError, match="choose a baseline whose sides have different colors"):
-        scene_scale(scene_with(baseline={"left": "red", "tip": "red", "right": "red"}))
+    one = {"left": "red", "tip": "red", "right": "red"}
+    with pytest.raises(TableError, match=r'different colors.* left = \["red", "blue"\]$'):
+        scene_scale(scene_with(baseline=one))
+    # What the sentence proposes is done.
+    assert scene_scale(scene_with(baseline=one | {"left": ["red", "blue", "red"]})).lam > 0.0
+
+
+def test_the_hue_of_a_single_lamp_has_no_weight() -> None:
+    content = tomllib.loads(scene_text("digit"))
+    del content["lamps"]
+    content["baseline"] = {"tip": "blue"}
+    scale = scene_scale(Scene.model_validate(content))
+    assert scale.lam == 0.0
+    assert scale.exposure > 0.0

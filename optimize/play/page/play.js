@@ -352,7 +352,7 @@ function drawScore(design, rated) {
   find("band").style.left = `${place(rated.score - half)}%`;
   find("band").style.width = `${place(rated.score + half) - place(rated.score - half)}%`;
   const said = limits.problems(design), colors = new Set(Array.from(design.phi, (_, f) => colorOf(design, f)));
-  if (colors.size === 1 && (colors.has(OFF) || !page.palette.oneHue)) said.push(colors.has(OFF)
+  if (colors.size === 1 && (colors.has(OFF) || (design.phi.length > 1 && !page.palette.oneHue))) said.push(colors.has(OFF)
     ? "All lamps are off."
     : "One color lights everything: S may like it, but nobody can read azimuths from it.");
   if (rated.clipped > page.clipped) said.push(`${(100 * rated.clipped).toFixed(0)} % of the facets saturate the camera.`);

@@ -17,7 +17,7 @@ class ColorResult:
     """The best colors that a search found on one transport table.
 
     Arguments:
-        method: ``grouped``, ``quick`` or ``exact``.
+        method: ``grouped``, ``coarsely grouped``, ``quick`` or ``exact``.
         colors: ``(F,)``, indices of the palette, -1 for off.
         score: S of eq. (4.7) in counts, float64.
         evaluated: how many assignments were scored.

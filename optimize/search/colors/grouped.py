@@ -2,7 +2,8 @@
 
 Fibers are numbered around the pad and treated as a ring, so that an even number gives the same
 number of pairs in both phases (3^10 assignments each for 20 fibers). With an odd number, the last
-fiber (first phase) or the first one (second phase) stands alone.
+fiber (first phase) or the first one (second phase) stands alone. Where pairs have too many
+assignments, as those of 48 fibers have, groups are larger.
 """
 
 from __future__ import annotations
@@ -22,37 +23,63 @@ from optimize.search.colors.colorings import (
 from optimize.search.colors.enumeration import Enumeration, Quota
 
 _KEEP = 8
+MAX_ASSIGNMENTS = 3**14
+"""Of one phase: some seconds of one core; 30 fibers of three colors have half as many in pairs."""
 
 
-def pair_groups(fibers: int, phase: int) -> Colors:
+def neighbor_groups(fibers: int, phase: int, size: int = 2) -> Colors:
     """Return the group of each fiber, ``(F,)``: pairs (0 1)(2 3).. or, phase 1, ..(1 2)(3 4)..
 
-    >>> pair_groups(6, 0).tolist(), pair_groups(6, 1).tolist()
+    Groups of another ``size`` begin half a group apart in the two phases.
+
+    >>> neighbor_groups(6, 0).tolist(), neighbor_groups(6, 1).tolist()
     ([0, 0, 1, 1, 2, 2], [0, 1, 1, 2, 2, 0])
-    >>> pair_groups(5, 0).tolist(), pair_groups(5, 1).tolist()
+    >>> neighbor_groups(5, 0).tolist(), neighbor_groups(5, 1).tolist()
     ([0, 0, 1, 1, 2], [0, 1, 1, 2, 2])
+    >>> neighbor_groups(8, 0, 4).tolist(), neighbor_groups(8, 1, 4).tolist()
+    ([0, 0, 0, 0, 1, 1, 1, 1], [0, 0, 1, 1, 1, 1, 0, 0])
     """
-    groups = (np.arange(fibers) + phase) // 2
-    return groups % (fibers // 2) if fibers % 2 == 0 else groups
+    groups = (np.arange(fibers) + phase * (size // 2)) // size
+    return groups % (fibers // size) if fibers % size == 0 else groups
+
+
+def group_size(fibers: int, choices: int, *, symmetric: bool) -> int:
+    """Return how many fibers a group has: two, or more where pairs have too many assignments.
+
+    >>> group_size(30, 3, symmetric=True), group_size(48, 3, symmetric=True)
+    (2, 4)
+    """
+    renamed = choices * (choices - 1) if symmetric and choices > 1 else 1
+    size = 2
+    while size < fibers:
+        most = max(int(neighbor_groups(fibers, phase, size).max()) for phase in (0, 1)) + 1
+        if choices**most <= MAX_ASSIGNMENTS * renamed:
+            break
+        size += 1
+    return size
 
 
 def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
     """Return the best pairwise coloring for ``phi`` ``(F,)`` rad after boundary repair.
 
+    The method is ``coarsely grouped`` where groups are larger than pairs.
+
     Raises:
-        DesignError: no coloring in pairs is within the limits of ``scorer``.
+        DesignError: no coloring in such groups is within the limits of ``scorer``.
     """
     start = time.perf_counter()
     units = color_units(scorer, phi)
+    symmetric = scorer.colors_alike and not scorer.limits.may_be_off
+    size = group_size(scorer.fibers, units.shape[1], symmetric=symmetric)
     candidates, evaluated = [], 0
     for phase in (0, 1):
-        groups = pair_groups(scorer.fibers, phase)
+        groups = neighbor_groups(scorer.fibers, phase, size)
         search = Enumeration(
             _summed_by_group(units, groups),
             scorer.bends,
             scorer.table.lam,
             scorer.config,
-            symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
+            symmetric=symmetric,
             quota=Quota.of(scorer.limits, groups),
         )
         best = search.best(_KEEP)
@@ -64,7 +91,7 @@ def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
     colors = pool[int(np.argmax(scorer.scores(pool, phi)))]
     colors, score, tried = repair_boundaries(scorer, phi, colors)
     return ColorResult(
-        method="grouped",
+        method="grouped" if size == 2 else "coarsely grouped",
         colors=canonical(colors) if scorer.colors_alike else colors,
         score=score,
         evaluated=evaluated + len(pool) + tried,

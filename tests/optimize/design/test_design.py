@@ -22,6 +22,11 @@ def test_a_fiber_without_power_is_off() -> None:
     assert design.color_names == ["off", "green"]
 
 
+def test_one_color_is_a_fault_where_there_are_several_lamps() -> None:
+    assert Design.of_colors(np.zeros(2), [1, 1]).monochrome
+    assert not Design.of_colors(np.zeros(1), [1]).monochrome
+
+
 @pytest.mark.parametrize("angle", [-0.01, 3.15, np.nan, np.inf])
 def test_directions_outside_the_half_turn_are_refused(angle: float) -> None:
     with pytest.raises(DesignError, match=r"phi\[1\] = .*allowed: 0 to pi rad"):

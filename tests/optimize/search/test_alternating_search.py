@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from optimize.design import Design
 from optimize.scoring import TableScorer
 from optimize.search import SearchStep, alternating_search
-from optimize.search.colors import exact_colors
+from optimize.search.colors import ColorResult, exact_colors
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -64,3 +65,22 @@ def test_without_edges_only_free_directions_are_searched(make_table: MakeTable) 
 def test_a_monochrome_optimum_is_flagged(make_table: MakeTable) -> None:
     result = alternating_search(TableScorer(make_table(9, lam=0.0)), START, max_rounds=1)
     assert result.design.monochrome
+
+
+def test_a_gain_of_no_more_than_rounding_rewires_nothing(
+    make_table: MakeTable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scorer = TableScorer(make_table(9, nodes=1))
+    score = scorer.score(START.phi, START.power)
+
+    def hardly_better(*_: object, **__: object) -> ColorResult:
+        other = np.roll(START.colors, 1)
+        return ColorResult("quick", other, float(np.nextafter(score, np.inf)), 1, 0.0)
+
+    # The package's name is the function's.
+    module = import_module("optimize.search.alternating_search")
+    monkeypatch.setattr(module, "grouped_colors", hardly_better)
+    monkeypatch.setattr(module, "quick_colors", hardly_better)
+    result = alternating_search(scorer, START)
+    np.testing.assert_array_equal(result.design.colors, START.colors)
+    assert result.score == score

@@ -116,6 +116,15 @@ def test_cells_that_carry_little_of_the_light_may_be_uncertain(
     assert renders.doubt(candidate(finger20, other).settings, 0) == ""
 
 
+def test_a_design_that_lights_nothing_has_no_doubt_and_is_worse(finger20: Scene) -> None:
+    dark = Design.of_colors(baseline_design(finger20).phi, [-1] * finger20.lamp_count)
+    found = with_noise(finger20, dark, sigma=0.02)
+    assert found.doubt == ""
+    assert found.design.score.interval() == (0.0, 0.0)
+    assert found.difference.value == pytest.approx(-found.baseline.score.value)
+    assert "is worse" in found.conclusion
+
+
 def test_equal_noise_of_a_recolored_design_cancels_in_the_difference(finger20: Scene) -> None:
     base = baseline_design(finger20)
     swapped = Design.of_colors(base.phi, (base.colors + 1) % 3)

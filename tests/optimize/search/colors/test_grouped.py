@@ -10,7 +10,12 @@ import pytest
 
 from optimize.scoring import TableScorer
 from optimize.search.colors import grouped_colors
-from optimize.search.colors.grouped import pair_groups, repair_boundaries
+from optimize.search.colors.grouped import (
+    MAX_ASSIGNMENTS,
+    group_size,
+    neighbor_groups,
+    repair_boundaries,
+)
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -19,7 +24,7 @@ MakeTable = Callable[..., TransportTable]
 def best_of_pairs(scorer: TableScorer, phi: np.ndarray) -> tuple[float, np.ndarray]:
     candidates = []
     for phase in (0, 1):
-        groups = pair_groups(scorer.fibers, phase)
+        groups = neighbor_groups(scorer.fibers, phase)
         for choice in itertools.product(range(3), repeat=int(groups.max()) + 1):
             candidates.append(np.array(choice)[groups])
     scores = scorer.scores(np.array(candidates), phi)
@@ -40,12 +45,36 @@ def test_it_is_the_repaired_best_of_both_phases(make_table: MakeTable, fibers: i
 @pytest.mark.parametrize("fibers", [1, 2, 5, 6])
 def test_every_group_has_at_most_two_fibers(fibers: int) -> None:
     for phase in (0, 1):
-        assert np.bincount(pair_groups(fibers, phase)).max() <= 2
+        assert np.bincount(neighbor_groups(fibers, phase)).max() <= 2
 
 
 def test_twenty_fibers_make_ten_pairs_in_both_phases() -> None:
     for phase in (0, 1):
-        assert np.bincount(pair_groups(20, phase)).tolist() == [2] * 10
+        assert np.bincount(neighbor_groups(20, phase)).tolist() == [2] * 10
+
+
+@pytest.mark.parametrize(("fibers", "choices"), [(20, 3), (24, 3), (28, 3), (20, 4), (16, 6)])
+def test_groups_are_pairs_where_these_have_few_assignments(fibers: int, choices: int) -> None:
+    assert group_size(fibers, choices, symmetric=False) == 2
+
+
+@pytest.mark.parametrize(("fibers", "choices"), [(48, 3), (24, 6), (30, 4), (7, 500), (200, 2)])
+def test_groups_are_larger_where_pairs_would_never_end(fibers: int, choices: int) -> None:
+    size = group_size(fibers, choices, symmetric=False)
+    assert size > 2
+    for phase in (0, 1):
+        groups = neighbor_groups(fibers, phase, size)
+        assert np.bincount(groups).max() <= size
+        assert choices ** (int(groups.max()) + 1) <= MAX_ASSIGNMENTS
+
+
+def test_many_fibers_are_colored_in_larger_groups_and_it_is_said(make_table: MakeTable) -> None:
+    scorer = TableScorer(make_table(48, lam=60.0))
+    phi = scorer.at_node(2)
+    result = grouped_colors(scorer, phi)
+    assert result.method == "coarsely grouped"
+    assert result.evaluated < 2 * MAX_ASSIGNMENTS + 10_000
+    assert result.score == pytest.approx(scorer.score(phi, scorer.power(result.colors)))
 
 
 def test_repair_reaches_odd_groups(make_table: MakeTable) -> None:
