@@ -39,6 +39,8 @@ DIFFERENCE_SHARE = 0.1
 """Half-width of a followed preview over D where they differ."""
 HUE_SHARE = 0.08
 """Half-width over ``lam`` per photon noise of colors."""
+BRIGHTNESS_SHARE = 0.7
+"""The same over M where hue says nothing and ``lam`` is 0."""
 
 Scores = Callable[[Array, Array], Array]
 """From phi ``(design, fiber)`` and power ``(design, fiber, channel)`` to S ``(design,)``."""
@@ -55,11 +57,13 @@ def followed_half_width(
     """Return the half-width of scores of a preview of ``scene`` whose light was followed, counts.
 
     ``mean`` is M of its baseline and ``lam`` the weight of its hues, both in counts, ``difference``
-    D of `preview_difference`, and ``photon_noise`` that of its colors.
+    D of `preview_difference`, and ``photon_noise`` that of its colors, which counts by ``lam``, or
+    by M where that is 0.
     """
     flat = FLAT_FLOOR if scene.diffuser is None else DIFFUSER_FLOOR
     floor = BENT_FLOOR if any(scene.bending.angles) else flat
-    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, HUE_SHARE * photon_noise * lam)
+    by_noise = HUE_SHARE * lam if lam > 0.0 else BRIGHTNESS_SHARE * mean
+    return math.hypot(DIFFERENCE_SHARE * difference, floor * mean, by_noise * photon_noise)
 
 
 def preview_difference(scene: Scene, drawn: Scores, followed: Scores) -> float:

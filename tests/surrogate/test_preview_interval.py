@@ -8,6 +8,7 @@ import pytest
 from render.scene import Scene, load_scene
 from surrogate.preview_interval import (
     BENT_FLOOR,
+    BRIGHTNESS_SHARE,
     COVERAGE,
     DESIGNS,
     DIFFERENCE_SHARE,
@@ -80,3 +81,8 @@ def test_photon_noise_widens_the_interval_by_what_hues_weigh(scene: Scene) -> No
         assert noisy == sorted(set(noisy))
         far = followed_half_width(scene, 200.0, lam, 10.0, 10.0)
         assert far == pytest.approx(10.0 * HUE_SHARE * lam, rel=1e-3)
+
+
+def test_photon_noise_widens_the_interval_where_hue_says_nothing(scene: Scene) -> None:
+    still, noisy = (followed_half_width(scene, 200.0, 0.0, 0.0, one) for one in (0.0, 0.03))
+    assert noisy**2 - still**2 == pytest.approx((200.0 * BRIGHTNESS_SHARE * 0.03) ** 2)
