@@ -20,8 +20,10 @@ from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card
-from surrogate.export.package import write_package
+from surrogate.export.package import check_size, write_package
 from surrogate.model.checker_module import CheckerModule
+from surrogate.model.facet_basis import SIZE
+from surrogate.model.features import feature_names
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import (
     MATERIALS,
@@ -138,12 +140,13 @@ def train(
     Raises:
         TableError: a table that does not fit the scene.
         RenderError, CompilerError, GraphicsError: from the renderers.
-        ModelError: ``out`` holds files that are no model.
+        ModelError: ``out`` holds files that are no model, or the model would be too large.
     """
     config = config or TrainConfig()
     run = run or out.parent / f"{out.name}-training"
     if table is not None:
         _check(scene, table)
+    check_model_size(scene, config)
     began = time.monotonic() if began is None else began
     fit_time = None
     report = progress or (lambda _: None)
@@ -267,6 +270,7 @@ def _drawn(scene: Scene, config: TrainConfig, progress: OnProgress | None) -> Tr
     narrow = error.median > MAX_INTERPOLATION_ERROR and any(scene.turning)
     if narrow and config.preview_nodes is None and drawn.free is None:
         # As many as a preview that stands alone.
+        check_model_size(scene, replace(config, preview_nodes=preview_nodes(scene)))
         drawn = draw_grid(scene, *preview_nodes(scene), told)
         error = interpolation_error(scene, drawn)
     return TrainingPreview(drawn, error, left_out)
@@ -297,6 +301,22 @@ def _check(scene: Scene, table: TransportTable) -> None:
             "train without --table, or leave the section free out of the scene",
             field="free",
         )
+
+
+def check_model_size(scene: Scene, config: TrainConfig) -> None:
+    """Refuse a scene whose model would be too large, networks included, before it is rendered."""
+    phi, bends = grid_nodes(scene, *(config.preview_nodes or PREVIEW_NODES))
+    free, fit = MaterialRange.of(scene), config.fit
+    width = fit.network.width
+    inputs = len(feature_names(scene)) + (0 if free is None else len(free.names))
+    each = (inputs + 1) * width + (width + 1) * width + (width + 1) * SIZE
+    check_size(
+        scene,
+        len(phi),
+        len(bends),
+        terms=0 if free is None else len(free.exponents),
+        weights=0 if is_one_node(scene) else fit.members * each,
+    )
 
 
 def training_cost(scene: Scene, config: TrainConfig, bends: int) -> TrainingCost:

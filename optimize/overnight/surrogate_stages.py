@@ -118,10 +118,19 @@ def render_table(context: RunContext) -> None:
     """Render this period's passes, and learn from them what renders cost."""
     kept = context.decided("table")
     if kept is None:
+        _check_model_size(context)
         if context.samples is None:
             context.cost = measure_cost(context)
         kept = context.decide("table", lambda: _render_passes(context))
     context.cost = None if kept["cost"] is None else _cost_of(context, kept["cost"])
+
+
+def _check_model_size(context: RunContext) -> None:
+    """Refuse a scene whose model would be too large, before the night is spent on its table."""
+    from surrogate.train import TrainConfig, check_model_size
+
+    scene = context.scene.model_copy(update={"free": None})
+    check_model_size(scene, TrainConfig(coarse=True))
 
 
 def _render_passes(context: RunContext) -> dict[str, Any]:

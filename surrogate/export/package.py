@@ -10,6 +10,8 @@ import numpy as np
 
 from render.errors import ModelError
 from render.files import can_create, replace_folder, temporary_name, write_npz, write_text
+from render.geometry import counted_sites
+from render.scene import Scene
 from surrogate.export.onnx import export_onnx
 from surrogate.model.checker_module import CheckerModule
 from surrogate.runtime import ModelMetadata
@@ -24,6 +26,42 @@ from surrogate.runtime.model_file import (
 
 FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE}
 LARGEST = 5_000_000
+"""A model's size in bytes is below this."""
+OTHER_NUMBERS = 56
+"""Constants of a lamp and a site besides its preview: inputs of the residual, basis of facets."""
+GRAPH = 26_000
+"""Bytes of a model without its constants."""
+
+
+def check_size(
+    scene: Scene, directions: int, bends: int, *, terms: int = 0, weights: int = 0
+) -> None:
+    """Refuse a sensor whose model would be too large, before anything is rendered for it.
+
+    Arguments:
+        scene: the sensor.
+        directions: nodes of its preview in phi.
+        bends: nodes in bend, or named states.
+        terms: how many slopes every number of the preview has, of two bytes each.
+        weights: numbers of the residual.
+
+    Raises:
+        ModelError: says how many sites there may be.
+    """
+    lamps, faces = scene.lamp_count * len(scene.albedos), scene.indenter.faces
+    numbers = (4 + 2 * terms) * directions * bends * (faces + 1) + 4 * OTHER_NUMBERS
+    fixed, sites = GRAPH + 4 * weights, len(counted_sites(scene))
+    size = fixed + lamps * numbers * sites
+    if size >= LARGEST:
+        of = "bend" if scene.states is None else "state"
+        most = max((LARGEST - 1 - fixed) // (lamps * numbers), 0)
+        raise ModelError(
+            f"the model of {sites} sites, {faces} facets and {lamps} lamps at {directions} "
+            f"directions and {bends} {of}{'s' * (bends != 1)} of its preview would have some "
+            f"{size} bytes, allowed: below {LARGEST}; give the scene fewer sites (at most {most}) "
+            f"or facets{'' if scene.states is None else ', or fewer states'}",
+            field="sites",
+        )
 
 
 def write_package(

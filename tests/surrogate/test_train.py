@@ -11,17 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.errors import TableError
+from render.errors import ModelError, TableError
+from render.geometry import counted_sites
 from render.preview.converged import Effort, cache, converged_transport
 from render.progress import Progress
 from render.reference import TimeBudget, TransportEstimate
 from render.scale import scene_scale
-from render.scene import Scene
+from render.scene import Scene, load_scene
 from render.transport import TransportTable, load_table
+from surrogate.export import package
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
 from surrogate.runtime.metadata import NONE
-from surrogate.train import TrainConfig, Trained, _fit_time, _preview, train
+from surrogate.runtime.model_file import MODEL_FILE
+from surrogate.train import TrainConfig, Trained, _fit_time, _preview, check_model_size, train
 from surrogate.training import training_preview
 from surrogate.training.render_plan import (
     RenderTime,
@@ -52,6 +55,35 @@ def test_the_better_of_ridge_and_networks_is_kept(trained: Trained) -> None:
 def test_whole_positions_directions_and_bends_are_left_out_too(trained: Trained) -> None:
     names = [row.level for row in trained.fit.splits]
     assert names == ["unseen fiber position", "unseen direction", "unseen bend"]
+
+
+def test_a_model_that_would_be_too_large_is_refused_before_anything_is_drawn(
+    tmp_path: Path,
+) -> None:
+    finger = load_scene("finger20")
+    sites = finger.sites.model_copy(update={"columns": 7, "rows": 10, "spacing": 2.0})
+    said: list[Progress] = []
+    with pytest.raises(
+        ModelError,
+        match=r"70 sites, 10 facets and 20 lamps at 11 directions and 9 bends of its preview would "
+        r"have some 64\d{5} bytes, allowed: below 5000000; give the scene fewer sites \(at most "
+        r"53\) or facets$",
+    ):
+        train(finger.model_copy(update={"sites": sites}), tmp_path / "model", progress=said.append)
+    assert not said
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_size_that_is_foretold_is_that_of_the_file(
+    scene: Scene, trained: Trained, quick: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    size = (trained.folder / MODEL_FILE).stat().st_size
+    monkeypatch.setattr(package, "LARGEST", size)
+    check_model_size(scene, quick)
+    # What a model says of itself takes a quarter of this small one.
+    monkeypatch.setattr(package, "LARGEST", int(0.7 * size))
+    with pytest.raises(ModelError, match=f"{len(counted_sites(scene))} sites"):
+        check_model_size(scene, quick)
 
 
 def test_intervals_hold_on_designs_of_other_cells(trained: Trained) -> None:
