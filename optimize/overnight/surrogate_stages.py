@@ -127,10 +127,18 @@ def render_table(context: RunContext) -> None:
 
 def _check_model_size(context: RunContext) -> None:
     """Refuse a scene whose model would be too large, before the night is spent on its table."""
-    from surrogate.train import TrainConfig, check_model_size
+    from surrogate.train import check_model_size
 
-    scene = context.scene.model_copy(update={"free": None})
-    check_model_size(scene, TrainConfig(coarse=True))
+    check_model_size(*_training(context))
+
+
+def _training(context: RunContext) -> tuple[Scene, TrainConfig]:
+    """Return the scene and the settings that a night trains its surrogate with."""
+    from surrogate.train import TrainConfig
+
+    # The table is of the scene's own material, whatever it leaves free. Following light has no
+    # share of the night; its renders tell what the shader misses.
+    return context.scene.model_copy(update={"free": None}), TrainConfig(coarse=True)
 
 
 def _render_passes(context: RunContext) -> dict[str, Any]:
@@ -225,13 +233,10 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
         if fitted is not None:
             return fitted
         context.log.note(f"{folder} is missing or damaged: the surrogate is fitted again")
-    from surrogate.train import TrainConfig, train
+    from surrogate.train import train
 
     context.stage("Surrogate", "surrogate")
-    # Following light has no share of the night; its renders tell what the shader misses.
-    config = TrainConfig(coarse=True)
-    # The table is of the scene's own material, whatever it leaves free.
-    scene = context.scene.model_copy(update={"free": None})
+    scene, config = _training(context)
     fit = context.amount("fit", lambda _: {"steps": _affordable_steps(context, scene, config)})
     network = replace(config.fit.network, steps=fit["steps"])
     train(
