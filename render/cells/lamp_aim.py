@@ -67,8 +67,8 @@ class LampAim:
         inside, foot = poses.inside, np.where(poses.inside[:, None], poses.position, faced.foot)
         from_below = (poses.face == LOWER) & ~inside
         # Planes of the walls beside a lamp and of those before and behind it.
-        normals, places = _walls(scene, bend, foot)
-        self.walls = mi.Float(np.column_stack([places, from_below]).astype(np.float32).ravel())
+        normals, offsets = _walls(scene, bend, foot)
+        self.walls = mi.Float(np.column_stack([offsets, from_below]).astype(np.float32).ravel())
         self.wall_normals = mi.Float(normals.astype(np.float32).ravel())
         self.mirror = mirror
         ends = poses.position[:, 2] - poses.radius
@@ -321,10 +321,10 @@ def _at_faces(scene: Scene, bend: float, poses: FiberPoses) -> FiberPoses:
 
 
 def _walls(scene: Scene, bend: float, foot: Array) -> tuple[Array, Array]:
-    """Return the planes of the walls about each lamp: normals ``(fiber, 4, 3)`` and ends.
+    """Return the planes of the walls about each lamp: normals ``(fiber, 4, 3)`` and offsets.
 
     The first two lie beside the lamp, down and up its face, the others before and behind it, all
-    normals as the lamp's axes are. The ends ``(fiber, 4)`` are how far from ``foot`` they are.
+    normals as the lamp's axes are. The offsets ``(fiber, 4)``, mm, are from ``foot`` along them.
     """
     flat = flat_fiber_poses(scene)
     far_axis = np.where((flat.face == LOWER)[:, None], flat.face_up, flat.face_inward)
@@ -336,8 +336,7 @@ def _walls(scene: Scene, bend: float, foot: Array) -> tuple[Array, Array]:
     points = place[..., None] * normals
     turn = bend_frames(scene, points[..., 1], bend)
     normals, points = np.einsum("fwij,fwj->fwi", turn, normals), bend_points(scene, points, bend)
-    ends = np.einsum("fwk,fwk->fw", points - foot[:, None], normals)
-    return normals, ends
+    return normals, np.einsum("fwk,fwk->fw", points - foot[:, None], normals)
 
 
 @dataclass
