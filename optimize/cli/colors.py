@@ -35,9 +35,6 @@ def run(
         Option("--scene", help="Scene whose LEDs and constraints hold (default: free RGB)."),
     ] = None,
     seed: Seed = 0,
-    device: Annotated[
-        str | None, Option(help="Let torch search on this device, for example cuda.")
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """Search the colors of a transport table."""
@@ -46,10 +43,6 @@ def run(
     from render.scene import load_scene
     from render.transport import load_table
 
-    if device is not None and method != "exact":
-        raise TableError(
-            f"--device is for the method exact, not {method}: leave it out", field="device"
-        )
     with reserved_stdout() as stream:
         table = load_table(path)
         scene = load_scene(scene_name) if scene_name else None
@@ -62,7 +55,7 @@ def run(
         scorer = TableScorer(table, limits=limits_of(scene) if scene else None)
         phi = scorer.at_node(_node(table, phi_index))
         with ProgressBar(f"Colors, {method}") as bar:
-            result = _search(scorer, phi, method, seed, device, bar)
+            result = _search(scorer, phi, method, seed, bar)
         if as_json:
             print_json(
                 stream,
@@ -106,7 +99,7 @@ def _node(table: TransportTable, phi_index: int | None) -> int:
 
 
 def _search(
-    scorer: TableScorer, phi: Array, method: str, seed: int, device: str | None, bar: ProgressBar
+    scorer: TableScorer, phi: Array, method: str, seed: int, bar: ProgressBar
 ) -> ColorResult:
     if method == "grouped":
         from optimize.search.colors import grouped_colors
@@ -118,4 +111,4 @@ def _search(
         return quick_colors(scorer, phi, seed=seed, progress=bar)
     from optimize.search.colors import exact_colors
 
-    return exact_colors(scorer, phi, bar, device=device)
+    return exact_colors(scorer, phi, bar)

@@ -30,20 +30,15 @@ MAX_COLORINGS = 3**26
 
 
 def exact_colors(
-    scorer: TableScorer,
-    phi: Array,
-    progress: OnProgress | None = None,
-    *,
-    device: str | None = None,
+    scorer: TableScorer, phi: Array, progress: OnProgress | None = None
 ) -> ColorResult:
     """Return the best of all ``n^F`` colorings for directions ``phi`` ``(F,)`` rad.
 
     float32 scores select the best 128, float64 scores order them. Colors are exchangeable unless
     responses, LED powers, materials or limits differ by color, or off is a choice; then all ``n^F``
-    are scored. Ties are those
-    that the errors of the table cannot tell from the best; ``ties_complete`` is False when the 128
-    kept do not reach beyond them, or beyond the rounding of float32. ``device`` is that of torch;
-    None is the processor by a compiled kernel of our own.
+    are scored. Ties are those that the errors of the table cannot tell from the best;
+    ``ties_complete`` is False when the 128 kept do not reach beyond them, or beyond the rounding of
+    float32.
 
     Raises:
         TactiluxError: more fibers than any machine could search.
@@ -59,12 +54,7 @@ def exact_colors(
             f"end, allowed: at most {most}; use the method quick",
             field="fibers",
         )
-    kind = Enumeration
-    if device is not None:
-        from optimize.search.colors.torch_enumeration import torch_enumeration
-
-        kind = torch_enumeration(device)
-    search = kind(
+    search = Enumeration(
         units,
         scorer.bends,
         scorer.table.lam,

@@ -243,16 +243,6 @@ def test_constraints_that_contradict_each_other(
     assert "at least 8 together" in refused("explore", tight, "--model", small_model)
 
 
-def test_a_device_for_another_method_or_that_is_not_there(
-    refused: Callable[..., str], tmp_path: Path
-) -> None:
-    light = np.full((4, 1, 1, 2, 3), 1.0)
-    TransportTable(light, 0 * light, np.array([1.0]), 1.0, 1.0).save(tmp_path / "one.npz")
-    assert "--device is for" in refused("colors", "one.npz", "--device", "cpu")
-    words = ["colors", "one.npz", "--method", "exact", "--device", "abacus"]
-    assert "cannot use the device" in refused(*words)
-
-
 def test_weights_and_noise_that_are_no_numbers(
     refused: Callable[..., str], design: Path, small_scene: Path
 ) -> None:

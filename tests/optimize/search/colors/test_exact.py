@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design import unlimited
 from optimize.scoring import TableScorer
 from optimize.search.colors import exact_colors
 from render.errors import TableError, TactiluxError
@@ -100,27 +99,6 @@ def test_the_list_of_the_best_is_in_order_and_scored_in_float64(make_table: Make
     assert len(found.top) > 20
     again = scorer.scores(np.array([colors for colors, _ in found.top]), scorer.at_node(2))
     assert again.tolist() == scores
-
-
-def test_torch_finds_the_same(make_table: MakeTable) -> None:
-    limits = replace(unlimited(7), led_counts=np.array([2, 3, 4]))
-    for scorer in (
-        TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0)),
-        TableScorer(make_table(7, 3, 2, 2, 4, lam=60.0), limits=limits),
-    ):
-        phi = scorer.at_node(1)
-        own, other = exact_colors(scorer, phi), exact_colors(scorer, phi, device="cpu")
-        assert other.score == pytest.approx(own.score, rel=1e-12)
-        assert other.evaluated == own.evaluated
-        assert [score for _, score in other.top[:20]] == pytest.approx(
-            [score for _, score in own.top[:20]]
-        )
-
-
-def test_a_device_that_is_not_there_is_named(make_table: MakeTable) -> None:
-    scorer = TableScorer(make_table(4))
-    with pytest.raises(TactiluxError, match="leave --device out"):
-        exact_colors(scorer, scorer.at_node(1), device="abacus")
 
 
 def test_two_identical_fibers_make_an_exact_tie(make_table: MakeTable) -> None:
