@@ -30,9 +30,12 @@ def run(
         Option(min=1, max=512, help="LEDs that the board drives (default: as the scene needs)."),
     ] = None,
     scene_name: SceneOption = "finger20",
+    state: Annotated[
+        str, Option(help="What is wrong with the board, as limiter or live (default: nothing).")
+    ] = "",
 ) -> None:
     """Be an LED board for other commands, until Ctrl-C."""
-    from hw.emulator.emulated_board import EmulatedBoard
+    from hw.emulator.emulated_board import EmulatedBoard, states_of
     from hw.errors import PortError
     from optimize.mounting import leds_per_fiber
     from render.scene import load_scene
@@ -41,13 +44,20 @@ def run(
         scene = load_scene(scene_name)
         names = scene.palette.names
         leds = leds or scene.lamp_count * leds_per_fiber(len(names))
+        states = states_of(protocol)
+        if state and state not in states:
+            raise PortError(
+                f"--state {state} is none of a {protocol} board, allowed: "
+                f"{', '.join(states) or 'none'}; correct --state",
+                field="state",
+            )
         if port.is_symlink() or port.exists():
             raise PortError(
                 f"{port} is there already: give --port a name that is free, or remove it",
                 field="port",
             )
         try:
-            board = EmulatedBoard(port, protocol, leds)
+            board = EmulatedBoard(port, protocol, leds, state)
         except OSError as error:
             raise PortError(
                 f"{port} cannot be made ({error.strerror}): give --port another place", field="port"

@@ -59,9 +59,12 @@ def set_lights(
             power = only(fiber, drive * wiring.scale)
             lights.set(power)
             ends = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
+            lit, unread = ("lit", "") if not lights.board.unread else (
+                "told to light", f"; not read back: {lights.board.unread}"
+            )  # fmt: skip
             note(
-                f"{lights.board.name}: {_lit(power)} of {len(design.phi)} fibers lit, "
-                f"{lights.limits.current(power):.0f} mA, {ends}"
+                f"{lights.board.name}: {lights.lit} of {len(design.phi)} fibers {lit}, "
+                f"{lights.limits.current(power):.0f} mA, {ends}{unread}"
             )
             lights.hold(seconds)
         stream.write("All LEDs are off.\n")
@@ -112,7 +115,8 @@ def off(
             board.show(dark(board.leds))
         finally:
             board.close()
-        stream.write(f"{board.name}: all {board.leds} LEDs are off.\n")
+        ends = "are off" if not board.unread else "were told to go off"
+        stream.write(f"{board.name}: all {board.leds} LEDs {ends}.\n")
 
 
 def _drive(file: DesignFile, path: Path, calibration: Path | None) -> Array:

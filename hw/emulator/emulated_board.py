@@ -6,7 +6,6 @@ with them, nothing else.
 
 from __future__ import annotations
 
-import json
 import os
 import pty
 import select
@@ -18,9 +17,10 @@ from typing import Protocol
 
 import numpy as np
 
+from hw.emulator.wled_firmware import WLED_STATES, WledFirmware
 from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
-from hw.leds.line_board import MAKER, VERSION, crc8, framed
+from hw.leds.line_board import MAKER, crc8, framed
 
 
 class Firmware(Protocol):
@@ -32,21 +32,47 @@ class Firmware(Protocol):
         """Take what came over the line (often nothing) at ``now`` (s); return the answer."""
 
 
-def make_firmware(protocol: ProtocolName, leds: int) -> Firmware:
-    """Return the program of a board that speaks ``protocol``."""
+LINE_STATES: dict[str, dict[str, int]] = {
+    "dimmed": {"brightness": 128},
+    "collapsing": {"most": 6},
+    "version-1": {"version": 1},
+}
+"""By its name, what makes a `LineFirmware` show less than it is told, or say less."""
+
+
+def states_of(protocol: ProtocolName) -> list[str]:
+    """Return the names of the states in which a board that speaks ``protocol`` can be."""
+    return {
+        ProtocolName.LINES: sorted(LINE_STATES),
+        ProtocolName.WLED: sorted(WLED_STATES),
+        ProtocolName.ADALIGHT: [],
+    }[protocol]
+
+
+def make_firmware(protocol: ProtocolName, leds: int, state: str = "") -> Firmware:
+    """Return the program of a board that speaks ``protocol``, in one of its `states_of`."""
     if protocol is ProtocolName.LINES:
-        return LineFirmware(leds)
+        return LineFirmware(leds, **LINE_STATES[state] if state else {})
     if protocol is ProtocolName.WLED:
-        return WledFirmware(leds)
+        return WledFirmware(leds, WLED_STATES[state] if state else None)
     return AdalightFirmware(leds)
 
 
 class LineFirmware:
-    """The plain line protocol; mirrors the sketch in ``hw/firmware``."""
+    """The plain line protocol; mirrors the sketch in ``hw/firmware``.
+
+    Its sketch sets a ``brightness``, its supply collapses beyond ``most`` LEDs, and the board
+    starts anew, or it has an older ``version``.
+    """
 
     LONGEST = 64
+    COLORS = 8
 
-    def __init__(self, leds: int) -> None:
+    def __init__(
+        self, leds: int, *, brightness: int = 255, most: int | None = None, version: int = 2
+    ) -> None:
+        self._brightness, self._version = brightness, version
+        self._most = leds if most is None else most
         self.shown, self._next = dark(leds), dark(leds)
         self._leds = leds
         self._buffer = b""
@@ -67,13 +93,28 @@ class LineFirmware:
 
     def _answer(self, line: bytes) -> bytes:
         if line == b"*IDN?":
-            return framed(f"{MAKER},{VERSION},emulated,{self._leds}")
+            return framed(f"{MAKER},{self._version},emulated,{self._leds}")
         body, _, checksum = line.rpartition(b"*")
         number, *words = body.decode("ascii", "replace").split(" ")
         if checksum != b"%02X" % crc8(body):
             return framed(f"{number if number.isdecimal() else 0} ERR checksum")
+        if words[:1] == ["GET"] and self._version > 1:
+            return framed(f"{number} {self._told(words[1:])}")
         problem = self._obey(words)
         return framed(f"{number} ERR {problem}" if problem else f"{number} OK")
+
+    def _told(self, rest: list[str]) -> str:
+        """Return the answer to GET: the colors of some LEDs from one on."""
+        try:
+            numbers = [int(item) for item in rest]
+        except ValueError:
+            return "ERR number"
+        if len(numbers) != 1:
+            return "ERR word"
+        first = numbers[0]
+        if not 0 <= first < self._leds:
+            return "ERR range"
+        return f"OK {self.shown[first : first + self.COLORS].tobytes().hex().upper()}"
 
     def _obey(self, words: list[str]) -> str:
         """Do what a line says; return what is wrong with it, or nothing."""
@@ -88,7 +129,9 @@ class LineFirmware:
                 return "range"
             self._next[led] = color
         elif word == "SHOW" and not numbers:
-            self.shown = self._next.copy()
+            if self._next.any(axis=1).sum() > self._most:
+                self._next, self._watchdog = dark(self._leds), 0.0
+            self.shown = (self._next * (self._brightness + 1.0) / 256).astype(np.uint8)
         elif word == "OFF" and not numbers:
             self.shown, self._next = dark(self._leds), dark(self._leds)
         elif word == "WDT" and len(numbers) == 1:
@@ -96,48 +139,6 @@ class LineFirmware:
         elif word != "PING" or numbers:
             return "word"
         return ""
-
-
-class WledFirmware:
-    """As much of WLED as a driver of single LEDs meets."""
-
-    def __init__(self, leds: int) -> None:
-        self.shown = dark(leds)
-        self._leds = leds
-        self._buffer = b""
-        self._state = {"on": True, "bri": 128, "transition": 7}
-
-    def take(self, content: bytes, now: float) -> bytes:
-        """Obey every whole JSON object; answer those that ask for it with ``v``."""
-        *lines, self._buffer = (self._buffer + content).split(b"\n")
-        answer = b""
-        for line in lines:
-            try:
-                request = json.loads(line)
-            except ValueError:
-                continue
-            self._obey(request)
-            if request.get("v"):
-                answer += self._answer()
-        return answer
-
-    def _obey(self, request: dict[str, object]) -> None:
-        for key in ("on", "bri", "transition"):
-            if key in request:
-                self._state[key] = request[key]  # type: ignore[assignment]
-        segment = request.get("seg")
-        place = 0
-        for item in segment.get("i", []) if isinstance(segment, dict) else []:
-            if isinstance(item, int):
-                place = item
-                continue
-            if place < self._leds:
-                self.shown[place] = list(bytes.fromhex(item))
-            place += 1
-
-    def _answer(self) -> bytes:
-        info = {"ver": "0.14.0", "leds": {"count": self._leds, "maxpwr": 850}, "name": "WLED"}
-        return json.dumps({"state": self._state, "info": info}).encode() + b"\r\n"
 
 
 class AdalightFirmware:
@@ -192,7 +193,7 @@ STEP = 0.005
 class EmulatedBoard:
     """A board at the path ``port``; a context manager.
 
-    ``port`` is a link to the pseudo-terminal.
+    ``port`` is a link to the pseudo-terminal, ``state`` one of `states_of` its protocol.
     """
 
     def __init__(
@@ -200,9 +201,10 @@ class EmulatedBoard:
         port: Path,
         protocol: ProtocolName = ProtocolName.LINES,
         leds: int = 20,
+        state: str = "",
     ) -> None:
         self.port, self.leds = port, leds
-        self._protocol = protocol
+        self._protocol, self._state = protocol, state
         self._firmware = self.boot()
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
@@ -225,7 +227,7 @@ class EmulatedBoard:
 
     def boot(self) -> Firmware:
         """Return the program as it starts when the board gets power."""
-        return make_firmware(self._protocol, self.leds)
+        return make_firmware(self._protocol, self.leds, self._state)
 
     def plug_in(self) -> None:
         """Connect the board; like most, it starts dark."""

@@ -47,6 +47,7 @@ class AdalightBoard:
         self.leds = leds
         self.name = "Adalight"
         self.dark_after: float | None = None
+        self.unread = "everything, as such boards answer nothing"
         self._last = dark(leds)
         deadline = time.monotonic() + start_seconds
         try:

@@ -74,6 +74,11 @@ class ChannelMap:
         """Return the number of the LED that lights ``fiber`` in ``color``."""
         return Feeds(self.leds, self.order).channel(fiber, color, self.colors)[0]
 
+    def lit(self, levels: Levels) -> int:
+        """Return how many fibers have an LED that ``levels`` ``(led, 3)`` switch on."""
+        each = leds_per_fiber(self.colors)
+        return sum(bool(levels[led * each : (led + 1) * each].any()) for led in self.leds)
+
     def levels(self, power: Array, limits: PowerLimits) -> Levels:
         """Return the levels ``(led, 3)`` that give the fibers ``power`` ``(fiber, color)``.
 

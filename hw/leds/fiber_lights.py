@@ -34,12 +34,18 @@ class FiberLights:
         self.limits = limits or PowerLimits()
         self._patience = patience
         self._board = connect()
+        self._lost = False
         self._shown: Levels = dark(channels.needed)
         try:
             self._board.show(self._shown)
         except BaseException:
             self._board.close()
             raise
+
+    @property
+    def lit(self) -> int:
+        """How many fibers have an LED that is on."""
+        return self.channels.lit(self._shown)
 
     @property
     def board(self) -> Board:
@@ -53,7 +59,9 @@ class FiberLights:
     def __exit__(self, _: object, error: object, __: object) -> None:
         """Switch everything off, also after an error, and give the port back."""
         try:
-            self.off()
+            # A board that was given up has been waited for already.
+            if not self._lost:
+                self.off()
         except HardwareError:
             # What went wrong first is what the user must hear.
             if error is None:
@@ -91,7 +99,7 @@ class FiberLights:
             self._board.show(levels)
         except LinkError as error:
             self._recover(levels, error)
-        self._shown = levels
+        self._shown, self._lost = levels, False
 
     def _recover(self, levels: Levels, cause: LinkError | None = None) -> None:
         """Open the board again; first dark, because nobody knows what it shows, then ``levels``."""
@@ -111,6 +119,7 @@ class FiberLights:
             pause = min(2 * pause, 1.0)
 
     def _given_up(self, cause: HardwareError) -> LinkError:
+        self._lost = True
         after = self._board.dark_after
         then = (
             f"its LEDs go dark by themselves within {after:g} s"

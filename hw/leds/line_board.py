@@ -2,7 +2,8 @@
 
 A request is ``<number> <word> <arguments>*<checksum>``, its one answer ``<number> OK*<checksum>``
 or ``<number> ERR <reason>*<checksum>``; the checksum is CRC-8 of all that stands before the star,
-as two hexadecimal digits. A watchdog turns the LEDs off in silence.
+as two hexadecimal digits. A watchdog turns the LEDs off in silence. Since version 2 the board says
+what its LEDs show.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from __future__ import annotations
 import time
 
 from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
-from hw.leds.board import Levels
+from hw.leds.board import MOST_LEDS, Levels, dark
 from hw.leds.link import SerialLink
 
 IDENTITY_REQUEST = b"*IDN?\n"
 MAKER = "tactilux-led"
-VERSION = 1
+VERSION = 2
+READ_BACK = 2
+"""The first version that knows ``GET``."""
+LONGEST_NAME = 40
 NUMBERS = 256
 """Requests are numbered modulo this, so that a late answer is not taken for the next one."""
 
@@ -89,25 +93,59 @@ class LineBoard:
         self._link = link
         self._number = 0
         self.dark_after: float | None = DARK_AFTER
-        self.name, self.leds = self._identity(start_seconds)
+        self._version, self.name, self.leds = self._identity(start_seconds)
+        self.unread = (
+            ""
+            if self._version >= READ_BACK
+            else f"what its LEDs show, which firmware of version {self._version} does not say; "
+            "flash the firmware that comes with this version"
+        )
+        self._shown = dark(self.leds)
         self._request(f"WDT {round(1000 * DARK_AFTER)}")
 
     def show(self, levels: Levels) -> None:
         """Set every LED, then latch all of them at once."""
-        for led, (red, green, blue) in enumerate(levels.tolist()):
-            self._request(f"SET {led} {red} {green} {blue}")
-        self._request("SHOW")
+        if levels.any():
+            for led, (red, green, blue) in enumerate(levels.tolist()):
+                self._request(f"SET {led} {red} {green} {blue}")
+            self._request("SHOW")
+        else:
+            self._request("OFF")
+        self._shown = levels.copy()
+        if self._version >= READ_BACK:
+            self._compare()
 
     def keep_alive(self) -> None:
-        """Feed the watchdog."""
-        self._request("PING")
+        """Feed the watchdog, and see that the LEDs still show what they were told."""
+        if self._version >= READ_BACK:
+            self._compare()
+        else:
+            self._request("PING")
+
+    def _compare(self) -> None:
+        """Read back what the LEDs show.
+
+        Raises:
+            ProtocolError: something else than they were told.
+        """
+        shown: list[tuple[int, ...]] = []
+        while len(shown) < len(self._shown):
+            shown += _colors_in(self._request(f"GET {len(shown)}"))
+        for led, (asked, read) in enumerate(zip(self._shown.tolist(), shown, strict=False)):
+            if asked != list(read):
+                raise ProtocolError(
+                    f"LED {led} of {self.name} on {self._link.port} shows {list(read)}, allowed: "
+                    f"{asked}, as it was told; see that its supply holds, as a board that starts "
+                    "anew is dark, and that its sketch sets no brightness",
+                    field="led",
+                )
 
     def close(self) -> None:
         """Give the port back."""
         self._link.close()
 
-    def _identity(self, patience: float) -> tuple[str, int]:
-        """Return name and number of LEDs."""
+    def _identity(self, patience: float) -> tuple[int, str, int]:
+        """Return version, name and number of LEDs."""
         deadline = time.monotonic() + patience
         heard = b""
         while time.monotonic() < deadline:
@@ -132,8 +170,8 @@ class LineBoard:
             field="port",
         )
 
-    def _request(self, words: str) -> None:
-        """Send one request until it is acknowledged.
+    def _request(self, words: str) -> str:
+        """Send one request until it is acknowledged; return what the answer adds to ``OK``.
 
         Raises:
             LinkError: no acknowledgement in `TRIES` tries.
@@ -145,9 +183,9 @@ class LineBoard:
             self._link.write(framed(f"{self._number} {words}"))
             deadline = time.monotonic() + self._link.timeout
             try:
-                while not self._acknowledged(self._link.read_line(deadline), words):
+                while (added := self._added(self._link.read_line(deadline), words)) is None:
                     pass
-                return
+                return added
             except UnpluggedError:
                 raise
             except LinkError as error:
@@ -158,8 +196,8 @@ class LineBoard:
         assert failure is not None
         raise failure
 
-    def _acknowledged(self, line: bytes, words: str) -> bool:
-        """Return whether ``line`` answers the last request; late answers to others do not."""
+    def _added(self, line: bytes, words: str) -> str | None:
+        """Return what ``line`` adds to ``OK``, None where it answers another request than ours."""
         try:
             number, _, answer = unframed(line).partition(" ")
         except ProtocolError as error:
@@ -172,9 +210,10 @@ class LineBoard:
                 field="line",
             )
         if number != str(self._number):
-            return False
-        if answer == "OK":
-            return True
+            return None
+        ok, _, added = answer.partition(" ")
+        if ok == "OK" and bool(added) == words.startswith("GET "):
+            return added
         raise ProtocolError(
             f"the LED board refused {words!r} with {answer[:40]!r}, allowed: OK; flash the "
             "firmware that comes with this version",
@@ -186,22 +225,48 @@ class _Damaged(ProtocolError):
     """A line that arrived damaged; worth another try."""
 
 
-def _identity_in(line: bytes) -> tuple[str, int] | None:
-    """Return name and LEDs of ``tactilux-led,<version>,<name>,<leds>``, None if it is not that.
+def _colors_in(text: str) -> list[tuple[int, ...]]:
+    """Return the colors of at least one LED, six hexadecimal digits each.
+
+    >>> _colors_in("FF000000007F")
+    [(255, 0, 0), (0, 0, 127)]
+
+    Raises:
+        ProtocolError: it is anything else.
+    """
+    try:
+        levels = list(bytes.fromhex(text))
+        if not levels:
+            raise ValueError("no color")
+        return list(zip(*[iter(levels)] * 3, strict=True))
+    except ValueError:
+        raise ProtocolError(
+            f"the LED board answers GET with {text[:40]!r}, allowed: six hexadecimal digits for "
+            "each LED; flash the firmware that comes with this version",
+            field="answer",
+        ) from None
+
+
+def _identity_in(line: bytes) -> tuple[int, str, int] | None:
+    """Return version, name and LEDs of ``tactilux-led,<version>,<name>,<leds>``.
+
+    None if it is not that.
 
     Raises:
         PortError: a board of another version.
     """
     try:
         maker, version, name, leds = unframed(line).split(",")
+        count = int(leds)
     except (ProtocolError, ValueError):
         return None
-    if maker != MAKER:
+    named = name.isprintable() and len(name) <= LONGEST_NAME
+    if maker != MAKER or not named or not 1 <= count <= MOST_LEDS:
         return None
-    if version != str(VERSION):
+    if version not in {str(one) for one in range(1, VERSION + 1)}:
         raise PortError(
-            f"the LED board speaks version {version} of the line protocol, allowed: {VERSION}; "
-            "flash the firmware that comes with this version",
+            f"the LED board speaks version {version[:40]!r} of the line protocol, allowed: 1 to "
+            f"{VERSION}; flash the firmware that comes with this version",
             field="version",
         )
-    return (name, int(leds)) if leds.isdecimal() and int(leds) > 0 else None
+    return int(version), name, count

@@ -12,8 +12,8 @@ import serial
 
 from hw.errors import LinkError, PortError, ProtocolError, UnpluggedError
 
-LONGEST_LINE = 8192
-"""Bytes after which a line without an end is called garbage."""
+LONGEST_LINE = 32768
+"""Bytes after which a line without an end is called garbage; WLED answers in long ones."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
 """What a pulled cable looks like; pyserial meets a closed descriptor as TypeError."""
@@ -70,7 +70,14 @@ class SerialLink:
             LinkError: none came in time, or the cable was pulled (`UnpluggedError`).
             ProtocolError: too many bytes without a line end.
         """
-        while b"\n" not in self._rest:
+        while True:
+            # First of all: a board that never falls silent must not hold us.
+            remaining = deadline - time.monotonic()
+            if remaining <= 0:
+                raise self._lost("did not answer in time")
+            if b"\n" in self._rest:
+                line, _, self._rest = self._rest.partition(b"\n")
+                return line.rstrip(b"\r")
             if len(self._rest) > LONGEST_LINE:
                 self._rest = b""
                 raise ProtocolError(
@@ -78,17 +85,12 @@ class SerialLink:
                     "and --baud",
                     field="port",
                 )
-            remaining = deadline - time.monotonic()
-            if remaining <= 0:
-                raise self._lost("did not answer in time")
             try:
                 self._serial.timeout = min(remaining, 0.05)
                 # One byte at least, then all that has come: never waits for more than there is.
                 self._rest += self._serial.read(max(1, self._serial.in_waiting))
             except GONE:
                 raise self._gone() from None
-        line, _, self._rest = self._rest.partition(b"\n")
-        return line.rstrip(b"\r")
 
     def forget(self) -> None:
         """Drop what has come but was not read: late answers, greetings, noise."""

@@ -12,7 +12,8 @@ from hw.leds.adalight_board import AdalightBoard
 from hw.leds.board import Board
 from hw.leds.line_board import LineBoard
 from hw.leds.link import SerialLink
-from hw.leds.wled_board import SerialWled, WebWled, WledBoard
+from hw.leds.wled_board import WledBoard
+from hw.leds.wled_link import SerialWled, WebWled
 
 WEB = ("http://", "https://")
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hw.errors import ProtocolError
 from hw.leds.board import Levels
 from hw.leds.line_board import LineBoard, framed
 from hw.leds.link import SerialLink
@@ -53,13 +54,16 @@ Running = tuple[SerialLink, Callable[[], Levels]]
 
 
 @pytest.fixture
-def running(program: Path, tmp_path: Path) -> Iterator[Running]:
-    """Run the board; give its line and what its LEDs show."""
+def running(program: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Running]:
+    """Run the board, dimmed where a test asks for it; give its line and what its LEDs show."""
+    dimmed = {"BRIGHTNESS": str(getattr(request, "param", 255))}
     master, slave = pty.openpty()
     tty.setraw(slave)
     shown = tmp_path / "shown"
     shown.touch()
-    child = subprocess.Popen([program, str(master), shown], pass_fds=[master])
+    child = subprocess.Popen(
+        [program, str(master), shown], pass_fds=[master], env=os.environ | dimmed
+    )
     link = SerialLink(os.ttyname(slave), timeout=0.5)
 
     def levels() -> Levels:
@@ -83,6 +87,17 @@ def test_the_driver_lights_its_leds(running: Running) -> None:
     assert np.array_equal(levels(), wanted)
 
 
+@pytest.mark.parametrize("running", [51], indirect=True)
+def test_a_sketch_that_dims_is_refused(running: Running) -> None:
+    link, levels = running
+    board = LineBoard(link)
+    with pytest.raises(ProtocolError, match=r"LED 0 .* \[51, 0, 39\], allowed: \[255, 0, 196"):
+        board.show(np.tile(np.array([255, 0, 196], dtype=np.uint8), (20, 1)))
+    assert (levels() == [51, 0, 39]).all()
+    board.show(np.zeros((20, 3), dtype=np.uint8))
+    assert not levels().any()
+
+
 @pytest.mark.parametrize(
     ("request_line", "answer"),
     [
@@ -92,6 +107,13 @@ def test_the_driver_lights_its_leds(running: Running) -> None:
         (framed("9 SET 1 0 0"), b"9 ERR word"),
         (framed("9 FLASH"), b"9 ERR word"),
         (framed("9"), b"9 ERR word"),
+        (framed("9 GET 18"), b"9 OK 000000000000"),
+        (framed("9 GET 3"), b"9 OK " + 8 * b"000000"),
+        (framed("9 GET 20"), b"9 ERR range"),
+        (framed("9 GET -1"), b"9 ERR range"),
+        (framed("9 GET"), b"9 ERR word"),
+        (framed("9 GET 1 2"), b"9 ERR word"),
+        (framed("9 GET x"), b"9 ERR number"),
         (b"9 OFF*00\n", b"9 ERR checksum"),
         (b"9 OFF\n", b"9 ERR checksum"),
         (b"*\n", b"0 ERR checksum"),

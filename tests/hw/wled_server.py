@@ -1,4 +1,4 @@
-"""WLED as a web server on this machine: ``/json/state`` and ``/json/info`` as its pages say."""
+"""WLED as a web server on this machine: its JSON API, as its pages say."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-from hw.emulator.emulated_board import WledFirmware
+from hw.emulator.wled_firmware import WLED_STATES, WledFirmware
 from hw.leds.board import Levels
 
 
@@ -18,9 +18,10 @@ class WledServer:
     ``refuse`` makes it answer 503, as WLED does while another program holds its buffer.
     """
 
-    def __init__(self, leds: int) -> None:
-        self.firmware = WledFirmware(leds)
+    def __init__(self, leds: int, state: str = "") -> None:
+        self.firmware = WledFirmware(leds, WLED_STATES[state] if state else None)
         self.refuse = 0
+        self.gets: list[str] = []
         self.posts: list[str] = []
         self.lock = threading.Lock()
         server = self
@@ -56,7 +57,11 @@ class WledServer:
         with self.lock:
             if self._refuses():
                 return None
-            return json.loads(self.firmware.take(b'{"v":true}\n', 0.0))[path.split("/")[-1]]
+            self.gets.append(path)
+            name = path.split("/")[-1]
+            if name == "si":
+                return {one: self.firmware.page(one) for one in ("state", "info")}
+            return self.firmware.page(name)
 
     def post(self, path: str, body: bytes) -> object | None:
         with self.lock:
@@ -72,9 +77,9 @@ class WledServer:
 
 
 @contextmanager
-def wled_server(leds: int = 20) -> Iterator[WledServer]:
-    """Run a controller until the block ends."""
-    server = WledServer(leds)
+def wled_server(leds: int = 20, state: str = "") -> Iterator[WledServer]:
+    """Run a controller in a state until the block ends."""
+    server = WledServer(leds, state)
     thread = threading.Thread(target=server.web.serve_forever, args=(0.02,))
     thread.start()
     try:

@@ -10,6 +10,7 @@ const uint8_t DATA_PIN = 6;
 const uint16_t LEDS = 20;
 const char NAME[] = "nano-ws2812";
 const uint8_t LONGEST = 64;  // characters of a request; longer lines are dropped
+const uint8_t COLORS = 8;    // LEDs in one answer to GET
 
 Adafruit_NeoPixel strip(LEDS, DATA_PIN, NEO_GRB + NEO_KHZ800);
 char line[LONGEST + 1];
@@ -58,6 +59,23 @@ int8_t numbers(char *text, long *found, int8_t most) {
   return count;
 }
 
+// The color that an LED shows: the library keeps what was set, and dims it when it sends it.
+uint32_t colorOf(uint16_t led) {
+  uint32_t set = strip.getPixelColor(led), found = 0;
+  for (uint8_t shift = 0; shift < 24; shift += 8)
+    found |= ((((set >> shift) & 0xFF) * (strip.getBrightness() + 1)) >> 8) << shift;
+  return found;
+}
+
+// Answer GET with the colors of the LEDs from `first` on, as many as fit.
+void tell(long number, long first) {
+  char body[64];
+  int length = snprintf(body, sizeof body, "%ld OK ", number);
+  for (long led = first; led < LEDS && led < first + COLORS; led++)
+    length += snprintf(body + length, sizeof body - length, "%06lX", (unsigned long)colorOf(led));
+  answer(body);
+}
+
 // Do what the words say; return what is wrong with them, or NULL.
 const char *obey(char *words) {
   long n[4];
@@ -86,7 +104,7 @@ const char *obey(char *words) {
 void handle() {
   if (!strcmp(line, "*IDN?")) {
     char body[48];
-    snprintf(body, sizeof body, "tactilux-led,1,%s,%u", NAME, LEDS);
+    snprintf(body, sizeof body, "tactilux-led,2,%s,%u", NAME, LEDS);
     answer(body);
     return;
   }
@@ -102,6 +120,12 @@ void handle() {
   long number = atol(line);
   if (!words) {
     reply(number, "ERR word");
+    return;
+  }
+  long first;
+  if (!strncmp(words, " GET ", 5) && numbers(words + 5, &first, 1) == 1) {
+    if (first < 0 || first >= LEDS) reply(number, "ERR range");
+    else tell(number, first);
     return;
   }
   const char *problem = obey(words + 1);

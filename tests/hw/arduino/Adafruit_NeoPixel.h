@@ -38,16 +38,22 @@ inline SerialPort Serial;
 struct Adafruit_NeoPixel {
   int count;
   unsigned char colour[512][3] = {};
+  // A sketch whose setup dims its LEDs, as setBrightness does.
+  int brightness = getenv("BRIGHTNESS") ? atoi(getenv("BRIGHTNESS")) : 255;
   Adafruit_NeoPixel(int leds, int, int) : count(leds) {}
   void begin() {}
   void clear() { memset(colour, 0, sizeof colour); }
   void setPixelColor(int led, int r, int g, int b) {
     colour[led][0] = r, colour[led][1] = g, colour[led][2] = b;
   }
+  uint32_t getPixelColor(int led) {
+    return (uint32_t)colour[led][0] << 16 | (uint32_t)colour[led][1] << 8 | colour[led][2];
+  }
+  uint8_t getBrightness() { return brightness; }
   void show() {
     FILE *file = fopen(shown, "a");
     for (int led = 0; led < count; led++)
-      fprintf(file, "%d %d %d ", colour[led][0], colour[led][1], colour[led][2]);
+      for (int level : colour[led]) fprintf(file, "%d ", level * (brightness + 1) >> 8);
     fprintf(file, "\n");
     fclose(file);
   }

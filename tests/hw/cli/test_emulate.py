@@ -56,7 +56,9 @@ def test_other_commands_light_it_and_ctrl_c_ends_it(
         lit = tactilux("hw", "set", design(tmp_path), "--port", port, "--protocol", protocol,
                        "--fiber", "7", "--seconds", "0.3")  # fmt: skip
         assert lit.code == 0, lit.err
-        assert "1 of 20 fibers lit, 20 mA" in lit.err
+        # Only the line protocol says of everything what the LEDs show.
+        lit_or_told = "lit" if protocol == "lines" else "told to light"
+        assert f"1 of 20 fibers {lit_or_told}, 20 mA" in lit.err
         assert process.stdout is not None
         assert process.stdout.readline() == "1 of 20 LEDs lit: 7 green\n"
         assert process.stdout.readline() == "All LEDs are dark.\n"
@@ -88,6 +90,29 @@ def test_a_port_that_cannot_be_made_raises_one_clear_error(
     assert said in result.err
     assert result.err.count("\n") == 1
     assert (tmp_path / "taken").read_bytes() == b""
+
+
+def test_a_state_of_the_board_is_refused_by_the_other_commands(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    options = ("--protocol", "wled", "--state", "short-segment")
+    with emulated(tmp_path / "port", *options):
+        lit = tactilux("hw", "set", design(tmp_path), "--port", tmp_path / "port",
+                       "--protocol", "wled", "--seconds", "0")  # fmt: skip
+    assert lit.code == 2
+    assert "seg.stop = 10.0, allowed: 20 or more" in lit.err
+    assert lit.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("protocol", [name.value for name in ProtocolName])
+def test_a_state_that_a_board_cannot_have_raises_one_clear_error(
+    tactilux: Run, tmp_path: Path, protocol: str
+) -> None:
+    result = tactilux("hw", "emulate", "--port", tmp_path / "port", "--protocol", protocol,
+                      "--state", "tired")  # fmt: skip
+    assert result.code == 2
+    assert f"--state tired is none of a {protocol} board, allowed: " in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_colors_are_those_of_the_scene(tactilux: Run, tmp_path: Path) -> None:

@@ -82,6 +82,16 @@ def test_off_darkens_a_board_that_another_program_left_on(
     assert board.wait_for(np.zeros((20, 3), dtype=np.uint8))
 
 
+def test_a_fiber_whose_level_rounds_to_dark_is_not_said_to_be_lit(
+    tactilux: Run, tmp_path: Path, design: Path
+) -> None:
+    with EmulatedBoard(tmp_path / "port") as board:
+        result = tactilux("hw", "set", design, "--port", board.port, "--scale", "0.001",
+                          "--seconds", "0")  # fmt: skip
+    assert result.code == 0, result.err
+    assert "0 of 20 fibers lit" in result.err
+
+
 def test_ports_are_listed_for_programs(tactilux: Run) -> None:
     result = tactilux("hw", "ports", "--json")
     assert result.code == 0

@@ -90,7 +90,7 @@ def test_an_acknowledgement_of_less_light_raises_one_clear_error(plug: Plug) -> 
     rig = plug("wled")
     board = opened(rig.port, "wled")
     rig.faults.refuse = "brightness limit"
-    with pytest.raises(ProtocolError, match="bri = 128, allowed: on at 255"):
+    with pytest.raises(ProtocolError, match=r"state\.on = False, allowed: True"):
         board.show(COLORS)
     board.close()
 

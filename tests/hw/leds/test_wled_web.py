@@ -11,7 +11,8 @@ from hw.errors import LinkError, PortError
 from hw.leds import ProtocolName
 from hw.leds.board import Levels, dark
 from hw.leds.ports import open_board
-from hw.leds.wled_board import WebWled, WledBoard
+from hw.leds.wled_board import WledBoard
+from hw.leds.wled_link import WebWled
 from tests.hw.wled_server import wled_server
 
 COLORS: Levels = np.random.default_rng(0).integers(0, 256, (20, 3)).astype(np.uint8)
