@@ -17,6 +17,7 @@ from hw.leds.wled_state import (
     field_of,
     number_at,
     pixel_differences,
+    short,
     unread_of,
 )  # fmt: skip
 
@@ -132,10 +133,8 @@ class WledBoard:
             version, count = info.get("ver"), number_at(info, "leds.count")
             if _is_version(version) and count is not None and 1 <= count <= MOST_LEDS:
                 return version, int(count)
-            reason = (
-                f"ver = {ascii(version)[:40]}, leds.count = "
-                f"{ascii(field_of(info, 'leds.count'))[:40]}"
-            )
+            counted = short(field_of(info, "leds.count"))
+            reason = f"ver = {short(version)}, leds.count = {counted}"
         raise PortError(
             f"no WLED answers on {self._link.port} ({reason}): choose another --port or "
             "--protocol, and see that the controller has power and, for a serial port, that serial "

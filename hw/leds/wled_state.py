@@ -7,6 +7,7 @@ Fields are named as in its JSON API: ``state`` and ``info``, ``seg`` the segment
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -30,8 +31,8 @@ class Difference:
     mend: str
 
     def __str__(self) -> str:
-        """Return it as a clause; what a stranger sent is cut, and shown as text."""
-        return f"{self.field} = {ascii(self.read)[:60]}, allowed: {self.allowed}; {self.mend}"
+        """Return it as a clause."""
+        return f"{self.field} = {short(self.read)}, allowed: {self.allowed}; {self.mend}"
 
 
 ONE_SEGMENT = (
@@ -138,6 +139,17 @@ def field_of(tree: Mapping[str, Any], path: str) -> Any:
     for name in path.split("."):
         found = found.get(name) if isinstance(found, Mapping) else None
     return found
+
+
+def short(value: object) -> str:
+    """Return what a stranger sent as short text, however long or deep it is.
+
+    >>> short([[[[[[[[]]]]]]]])
+    '[[[[[[[...]]]]]]]'
+    """
+    cut = reprlib.Repr()
+    cut.maxstring = cut.maxother = 60
+    return cut.repr(value)
 
 
 def number_at(tree: Mapping[str, Any], path: str) -> float | None:

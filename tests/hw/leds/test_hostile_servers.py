@@ -55,6 +55,11 @@ def info(**changes: object) -> bytes:
     return told(info={**GOOD["info"], **changes})  # type: ignore[dict-item]
 
 
+def deep(depth: int) -> bytes:
+    """Return an answer that JSON can just read, but not everything can walk through."""
+    return answer(b'{"state": {}, "info": {"ver": ' + b"[" * depth + b"]" * depth + b"}}")
+
+
 ELSEWHERE = "Location: http://127.0.0.1:9/json/si"
 BODY = json.dumps(GOOD).encode()
 ANSWERS: dict[str, bytes] = {
@@ -104,6 +109,7 @@ ANSWERS: dict[str, bytes] = {
        for body in (b"null", b"true", b"3", b'"on"', b"[]", b"{}", b'{"state": {}}')},
     "a state that is a list": told(state=[]),
     "info that is text": told(info="info"),
+    **{f"a version {depth} lists deep": deep(depth) for depth in (500, 900, 950, 980)},
     "no version": info(ver=None),
     "a version with commands": info(ver="\x1b[2J"),
     "a version of a megabyte": info(ver="0" * 200_000),
