@@ -26,6 +26,7 @@ import numpy as np
 from hw.errors import CalibrationError
 from render.arrays import Array
 from render.scene.lamps import FACES
+from render.scene.quantities import unchecked
 from surrogate.model.materials import MaterialRange
 from tactilux import Scene
 
@@ -380,4 +381,4 @@ def _changed(part: Any, place: Place, value: float) -> Any:
     key, *rest = place
     if isinstance(key, int):
         return (*part[:key], _changed(part[key], tuple(rest), value), *part[key + 1 :])
-    return part.model_copy(update={key: _changed(getattr(part, key), tuple(rest), value)})
+    return unchecked(part, {key: _changed(getattr(part, key), tuple(rest), value)})

@@ -26,6 +26,7 @@ from hw.camera.projection import pad_positions
 from render.arrays import Array
 from render.files import read_or_drop, write_npz
 from render.progress import Clock, OnProgress, Progress
+from render.scene import unchecked
 from tactilux import Scene
 
 if TYPE_CHECKING:
@@ -168,8 +169,8 @@ def _cut(scene: Scene) -> Scene:
     side = max(CELL, pad.width / MAX_COLUMNS, pad.length / MAX_ROWS)
     columns, rows = (int(np.ceil(length / side - 1e-9)) for length in (pad.width, pad.length))
     middle = {"spacing": side, "centre_x": 0.0, "centre_y": 0.0}
-    cells = scene.sites.model_copy(update={"columns": columns, "rows": rows, **middle})
-    return scene.model_copy(update={"sites": cells})
+    cells = unchecked(scene.sites, {"columns": columns, "rows": rows, **middle})
+    return unchecked(scene, {"sites": cells})
 
 
 def _wanted(cut: Scene, around: Array) -> NDArray[np.bool_]:

@@ -41,7 +41,7 @@ from render.reference import (
     transport_jobs,
     trial_cost,
 )
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from render.transport import TransportTable, mean_table
 from surrogate.model.preview_grid import direction_nodes
 from surrogate.runtime import MODEL_FILE, Checker, sha256
@@ -138,7 +138,7 @@ def _training(context: RunContext) -> tuple[Scene, TrainConfig]:
 
     # The table is of the scene's own material, whatever it leaves free. Following light has no
     # share of the night; its renders tell what the shader misses.
-    return context.scene.model_copy(update={"free": None}), TrainConfig(coarse=True)
+    return unchecked(context.scene, {"free": None}), TrainConfig(coarse=True)
 
 
 def _render_passes(context: RunContext) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from render.geometry import (
 from render.geometry.holder import LEAST_SINE
 from render.preview.bonded import bond_of, with_bonded_window
 from render.preview.skin_texels import skin_surface
-from render.scene import Palette, Scene
+from render.scene import Palette, Scene, unchecked
 
 LEVELS = 65535
 """Steps of a 16-bit table: the largest value has this number."""
@@ -168,11 +168,12 @@ def large_pyramid(scene: Scene) -> Imprint:
     depth = min(TOUCH_DEPTH, 0.25 * scene.pad.thickness)
     room = 0.4 * min(scene.pad.width, scene.pad.length)
     return pyramids(
-        scene.model_copy(
-            update={
-                "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1, "carried": None}),
-                "indenter": scene.indenter.model_copy(update={"radius": min(depth / unit, room)}),
-            }
+        unchecked(
+            scene,
+            {
+                "sites": unchecked(scene.sites, {"columns": 1, "rows": 1, "carried": None}),
+                "indenter": unchecked(scene.indenter, {"radius": min(depth / unit, room)}),
+            },
         )
     )
 

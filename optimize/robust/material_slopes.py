@@ -15,7 +15,7 @@ from optimize.design import Array
 from render.errors import SceneError
 from render.preview import Preview
 from render.progress import Clock, OnProgress
-from render.scene import Scene, Spread
+from render.scene import Scene, Spread, unchecked
 
 STEP = 0.1
 """Relative step of the differences: the noise of two slab responses, divided by it, stays small."""
@@ -72,8 +72,8 @@ def neighbors(scene: Scene, name: str) -> Neighbors:
 
     def moved(sign: float) -> Scene:
         new = value * float(np.exp(sign * STEP)) if relative else value * (1.0 + sign * STEP)
-        changed = getattr(scene, part).model_copy(update={key: new})
-        return scene.model_copy(update={part: changed})
+        changed = unchecked(getattr(scene, part), {key: new})
+        return unchecked(scene, {part: changed})
 
     return Neighbors(moved(-1.0), moved(1.0), STEP if relative else STEP * value)
 

@@ -22,7 +22,7 @@ from render.geometry.camera_rays import camera_origin, half_view, pixel_position
 from render.geometry.layout import declared_sites, facets
 from render.geometry.refraction import aim_at, refract_into_pad
 from render.geometry.visibility import facet_masks, first_facet, shown_targets
-from render.scene import MOST_PIXELS, Scene
+from render.scene import MOST_PIXELS, Scene, unchecked
 
 OUTSIDE, HIDDEN, SMALL = "outside the picture", "hidden", "smaller than a pixel"
 
@@ -155,11 +155,11 @@ def _sees(scene: Scene, slope: float | None = None, pixels: tuple[int, int] | No
     """Return whether a site counts with another ``slope`` (deg), or columns and rows of pixels."""
     update: dict[str, object] = {}
     if slope is not None:
-        update["indenter"] = scene.indenter.model_copy(update={"slope": np.radians(slope)})
+        update["indenter"] = unchecked(scene.indenter, {"slope": np.radians(slope)})
     if pixels is not None:
         size = {"columns": pixels[0], "rows": pixels[1]}
-        update["camera"] = scene.camera.model_copy(update=size)
-    return len(camera_coverage(scene.model_copy(update=update)).counted) > 0
+        update["camera"] = unchecked(scene.camera, size)
+    return len(camera_coverage(unchecked(scene, update)).counted) > 0
 
 
 def _place(vector: tuple[float, ...]) -> str:

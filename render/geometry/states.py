@@ -15,7 +15,7 @@ from render.arrays import Array
 from render.geometry.chart import SkinChart
 from render.geometry.layout import turned_about_normal
 from render.geometry.seen_sites import camera_coverage, counted_sites
-from render.scene import CarriedSites, Scene, State
+from render.scene import CarriedSites, Scene, State, unchecked
 
 
 @lru_cache(maxsize=64)
@@ -38,8 +38,8 @@ def in_state(scene: Scene, value: float) -> tuple[Scene, float]:
     carried = CarriedSites.model_construct(
         x=tuple(x), y=tuple(y), turn=tuple(turn), counted=tuple(counted.tolist())
     )
-    sites = one.sites.model_copy(update={"carried": carried})
-    return one.model_copy(update={"sites": sites}), 0.0
+    sites = unchecked(one.sites, {"carried": carried})
+    return unchecked(one, {"sites": sites}), 0.0
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from render.scene import Scene
+from render.scene import Scene, unchecked
 
 
 class Bond(NamedTuple):
@@ -42,23 +42,24 @@ def with_bonded_window(scene: Scene) -> Scene:
     camera, pad = scene.camera, scene.pad
     changes: dict[str, Any] = {
         "window": None,
-        "pad": pad.model_copy(update={"thickness": pad.thickness + depth}),
-        "camera": camera.model_copy(
-            update={
+        "pad": unchecked(pad, {"thickness": pad.thickness + depth}),
+        "camera": unchecked(
+            camera,
+            {
                 "distance": None if camera.distance is None else camera.distance - depth,
                 "position": lifted(camera.position),
                 "look_at": lifted(camera.look_at),
-            }
+            },
         ),
     }
     if scene.fibers is not None:
-        changes["fibers"] = scene.fibers.model_copy(update={"height": scene.fibers.height + depth})
+        changes["fibers"] = unchecked(scene.fibers, {"height": scene.fibers.height + depth})
     if scene.rows is not None:
         changes["rows"] = tuple(
-            row.model_copy(update={"height": row.height + depth}) for row in scene.rows
+            unchecked(row, {"height": row.height + depth}) for row in scene.rows
         )
     if scene.lamps is not None:
         changes["lamps"] = tuple(
-            lamp.model_copy(update={"position": lifted(lamp.position)}) for lamp in scene.lamps
+            unchecked(lamp, {"position": lifted(lamp.position)}) for lamp in scene.lamps
         )
-    return scene.model_copy(update=changes)
+    return unchecked(scene, changes)

@@ -19,7 +19,7 @@ from render.errors import SceneError
 from render.scene.camera import Coordinate, Millimeters
 from render.scene.colors import OFF, RGB
 from render.scene.lamps import EDGES, RIM_EDGES, Edge
-from render.scene.quantities import Count, Part, PerChannel, Quantity, since_schema_2
+from render.scene.quantities import Count, Part, PerChannel, Quantity, since_schema_2, unchecked
 
 
 def _known_color(value: str, info: ValidationInfo) -> str:
@@ -105,8 +105,8 @@ class Diffuser(Part):
     def with_free(self, name: str, value: float) -> Diffuser:
         """Return the layer with another value of a free quantity; g stays."""
         if name == "reduced_scattering":
-            return self.model_copy(update={"sigma_s": value / (1.0 - self.g)})
-        return self.model_copy(update={"thickness": value})
+            return unchecked(self, {"sigma_s": value / (1.0 - self.g)})
+        return unchecked(self, {"thickness": value})
 
 
 class Window(Part):

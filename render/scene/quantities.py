@@ -3,18 +3,127 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Annotated, Any, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from render.errors import SceneError
+from render.refused_values import allowed_words, in_toml
+
+LONG = 6
+"""Values of a list that a part's one line shows; of longer ones it shows how many there are."""
 
 
 class Part(BaseModel):
     """Base of all scene parts: immutable, no unknown keys, no silent conversion."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy whose values in ``update`` are checked as those of a file.
+
+        They are in memory units (mm, rad); `Scene.with_` takes those of the file.
+
+        Raises:
+            SceneError: an unknown key, or a value that no file may have.
+        """
+        for name, value in (update or {}).items():
+            _check_in_memory(type(self), name, value)
+        return super().model_copy(deep=deep) if not update else unchecked(self, update)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Say how a scene is varied; only what is not of the file can be set."""
+        if not name.startswith("_"):
+            raise SceneError(
+                f"{name} cannot be set to {in_toml(value)}, scenes and their parts never change: "
+                "scene.with_(pad_thickness=4.0) returns another, in the units of the file",
+                field=name,
+            )
+        super().__setattr__(name, value)
+
+    def __dir__(self) -> Iterable[str]:
+        """Return the names that are ours, without those of the library that reads files."""
+        foreign = {name for name in dir(BaseModel) if not name.startswith("_")}
+        return sorted(set(super().__dir__()) - foreign)
+
+    def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
+        """Yield what the part's one line shows: of long lists their length, nothing that is not."""
+        for name, value in super().__repr_args__():
+            if isinstance(value, tuple) and len(value) > LONG:
+                yield name, f"{len(value)} values"
+            elif value is not None:
+                yield name, value
+
+
+Piece = TypeVar("Piece", bound=Part)
+
+
+def unchecked(part: Piece, update: Mapping[str, Any]) -> Piece:
+    """Return ``part`` with other values, in memory units, whatever a file may have.
+
+    For what is computed from a valid scene, as a pad that its window is part of.
+    """
+    copy = BaseModel.model_copy(part, update=update)
+    for name in part.__private_attributes__:  # how it was written is not how the copy is
+        setattr(copy, name, None)
+    return copy
+
+
+@lru_cache(maxsize=256)
+def _field_reader(kind: type[Part], name: str) -> TypeAdapter[Any]:
+    """Return what reads one field of a part, as strictly as the whole part is read."""
+    info = kind.model_fields[name]
+    alone = isinstance(info.annotation, type) and issubclass(info.annotation, BaseModel)
+    named: Any = Annotated[info.annotation, *info.metadata] if info.metadata else info.annotation
+    return TypeAdapter(named, config=None if alone else ConfigDict(strict=True))
+
+
+def _check_in_memory(kind: type[Part], name: str, value: Any) -> None:
+    """Refuse a value in memory units that no file may have."""
+    if name not in kind.model_fields:
+        allowed = ", ".join(kind.model_fields)
+        raise SceneError(f"unknown key {name} of {kind.__name__}, allowed: {allowed}", field=name)
+    written = next((one.written(value) for one in quantities_of(kind, name)), value)
+    named = value if isinstance(value, tuple) else (value,)
+    try:
+        # Which LEDs there are is up to the scene.
+        _field_reader(kind, name).validate_python(
+            value if value is None else written, context={"colors": named}
+        )
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        allowed = allowed_words(problem)
+        said = f"allowed: {allowed}" if allowed else problem["msg"].removeprefix("Value error, ")
+        if problem["type"] == "string_pattern_mismatch":
+            said = f"allowed: a text of the form {problem['ctx']['pattern']}"
+        given = written["value"] if isinstance(written, dict) and "value" in written else value
+        raise SceneError(
+            f"{name} of {kind.__name__} = {in_toml(given)}, {said}; scene.with_ takes values as "
+            "the file has them",
+            field=name,
+        ) from None
+
+
+def quantities_of(kind: type[Part], name: str) -> Iterator[Quantity]:
+    """Yield the quantity that a key of a part is; none where it is something else."""
+    if name in kind.model_fields:
+        field = kind.model_fields[name]
+        said = [*field.metadata]
+        for one in get_args(field.annotation):
+            said += getattr(one, "__metadata__", ())
+        yield from (one for one in said if isinstance(one, Quantity))
 
 
 def since_schema_2() -> Any:
@@ -83,6 +192,21 @@ class Quantity:
         value = "[...]" if self.many else "..."
         unit = f', unit = "{self.unit}"' if self.unit else ""
         return f'{{ value = {value}{unit}, source = "..." }}'
+
+    def written(self, value: Any, source: str = "in memory") -> Any:
+        """Return a value in memory units as a file has it; what is no number stays as it is."""
+
+        def one(number: Any) -> Any:
+            plain = isinstance(number, int | float) and not isinstance(number, bool)
+            # A file's degrees come back but for rounding.
+            return round(math.degrees(number), 9) if plain and self.unit == "deg" else number
+
+        given = [one(item) for item in value] if isinstance(value, tuple) else one(value)
+        return self.form(given, source)
+
+    def form(self, value: Any, source: str) -> dict[str, Any]:
+        """Return the form that the file must have, of a value in the file's unit."""
+        return {"value": value} | ({"unit": self.unit} if self.unit else {}) | {"source": source}
 
     def _within(self, value: float) -> float:
         check_range(value, self.low, self.high, self.unit)

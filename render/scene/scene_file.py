@@ -17,7 +17,8 @@ from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.lamps_file import LampLines, RefusedLamps
-from render.scene.schema import SCENE_NAME, Scene
+from render.scene.schema import SCENE_NAME, Scene, Written
+from render.scene.schema.edits import edited, path_of
 from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
 from render.scene.states import REST_REFUSED, STATE_NAME
 
@@ -49,14 +50,41 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     Raises:
         SceneError: as `load_scene` does.
     """
-    raw, lines = _with_listed_lamps(_parsed(text, origin), folder)
+    return _scene_of_content(_parsed(text, origin), origin, folder)
+
+
+def changed_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
+    """Return the scene whose file has ``changes``, as `Scene.with_` takes them.
+
+    Raises:
+        SceneError: as `Scene.with_` does.
+    """
+    written = scene._written
+    if written is None:
+        raise SceneError(
+            f"{scene.name} was made in memory from another scene, and has no file that could be "
+            "changed: change that scene first",
+            field="scene",
+        )
+    content = written.content
+    if any(key.startswith("lamps") and not key.startswith(LAMPS_FILE) for key in changes):
+        content, _ = _with_listed_lamps(content, written.folder)
+    paths = [path_of(content, key) for key in changes]
+    content = edited(content, dict(zip(paths, changes.values(), strict=True)))
+    return _scene_of_content(content, f"{scene.name} as changed", written.folder)
+
+
+def _scene_of_content(content: dict[str, Any], origin: str, folder: Path) -> Scene:
+    raw, lines = _with_listed_lamps(content, folder)
     try:
         context: dict[str, Any] = {
             "colors": colors_in(raw),
             "folder": folder,
             "rest_mesh": _mesh_file(raw),
         }
-        return Scene.model_validate(raw, context=context)
+        scene = Scene.model_validate(raw, context=context)
+        scene._written = Written(content, folder.absolute())
+        return scene
     except ValidationError as error:
         problems = _problems(error)
         without = _with_stand_ins(raw, problems, context["colors"][0])
@@ -128,7 +156,7 @@ def _with_listed_lamps(
     else:
         try:
             lines = LampLines.read(folder, name)
-            return others | {"lamps": lines.lamps}, lines
+            return others | {"lamps": list(lines.lamps)}, lines
         except ValueError as error:
             lamps = RefusedLamps(f"lamps_file = {name}: {error}")
     return others | {"lamps": lamps}, None

@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
 from render.scene.parts import CarriedSites, Pad, Sites
-from render.scene.quantities import Part, Quantity
+from render.scene.quantities import Part, Quantity, unchecked
 from render.scene.skin import Skin
 from render.scene.skin_mesh import (
     MeshHeights,
@@ -136,8 +136,8 @@ class State(Part):
     def skin_of(self, rest: Skin) -> Skin:
         """Return the skin in this state."""
         if self.mesh is None:
-            return rest.model_copy(update={"radius": self.radius})
-        return rest.model_copy(update={"mesh": self.mesh.upper_side})
+            return unchecked(rest, {"radius": self.radius})
+        return unchecked(rest, {"mesh": self.mesh.upper_side})
 
     def crown_of(self, rest: Skin, pad: Pad) -> float:
         """Return the height (mm) of the crown over the lower face."""

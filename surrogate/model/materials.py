@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.arrays import Array
-from render.scene import Scene
+from render.scene import Scene, unchecked
 
 LOGARITHMIC = ("reduced_scattering",)
 DEGREE = 2
@@ -97,7 +97,7 @@ class MaterialRange:
         if not np.array_equal(material, self.nominal):
             for name, value in zip(self.names, material, strict=True):
                 layer = layer.with_free(name, float(value))
-        return scene.model_copy(update={"diffuser": layer, "free": None})
+        return unchecked(scene, {"diffuser": layer, "free": None})
 
 
 def _powers(unit: Array, exponents: np.ndarray) -> Array:

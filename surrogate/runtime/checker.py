@@ -232,10 +232,12 @@ class Checker:
 
 def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
     """Return a hash that scenes share which differ in the quantities ``names`` alone."""
+    from render.scene import unchecked
+
     layer = scene.diffuser
     for name in names:
         layer = layer.with_free(name, 1.0) if layer is not None else None
-    return scene.model_copy(update={"diffuser": layer}).hash
+    return unchecked(scene, {"diffuser": layer}).hash
 
 
 def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata, Path]:

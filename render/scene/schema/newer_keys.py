@@ -6,13 +6,13 @@ into one has read of it somewhere: what is refused then says what would be right
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from difflib import get_close_matches
-from typing import Any, get_args
+from typing import Any
 
 from render.scene.colors import OFF
 from render.scene.lamps import EDGES, Fibers, Row
-from render.scene.quantities import Part, Quantity, allowed_range
+from render.scene.quantities import Part, allowed_range, quantities_of
 from render.scene.schema.scene import Scene
 from render.scene.serialization import part_class
 
@@ -21,19 +21,26 @@ LAMPS_FILE = "lamps_file"
 """Key of a file that stands for ``lamps``."""
 
 
-def keys_at(place: Place) -> dict[str, bool]:
-    """Return the keys of the part at a ``place`` of a scene file, and which need schema 2.
-
-    There are none where no part is known.
-    """
+def part_at(place: Place) -> type[Part] | None:
+    """Return the class of the part at a ``place`` of a scene file, None where none is known."""
     part: type[Part] = Scene
     try:
         for step in place:
             if isinstance(step, str):
                 part = part_class(part.model_fields[step].annotation)
     except (KeyError, TypeError):
+        return None
+    return part
+
+
+def keys_at(place: Place) -> dict[str, bool]:
+    """Return the keys of the part at a ``place`` of a scene file, and which need schema 2.
+
+    There are none where no part is known.
+    """
+    part, found = part_at(place), {}
+    if part is None:
         return {}
-    found = {}
     for name, field in part.model_fields.items():
         if name != "carried":
             extra = field.json_schema_extra
@@ -94,18 +101,9 @@ def _in_brackets(hint: str) -> str:
 
 def _range_of_rows(key: str, value: Any, raw: Mapping[str, Any]) -> str:
     """Return the range of a quantity in rows, where a value of fibers lies in it."""
-    for row, fiber in zip(_quantities(Row, key), _quantities(Fibers, key), strict=False):
+    for row, fiber in zip(quantities_of(Row, key), quantities_of(Fibers, key), strict=False):
         wider = row.low < fiber.low or row.high > fiber.high
         if wider and isinstance(value, int | float) and row.low <= value <= row.high:
             allowed = allowed_range(row.low, row.high, row.unit)
             return f"{_rows(raw)} can have {allowed}"
     return ""
-
-
-def _quantities(part: type[Part], key: str) -> Iterator[Quantity]:
-    if key in part.model_fields:
-        field = part.model_fields[key]
-        said = [*field.metadata]
-        for kind in get_args(field.annotation):
-            said += getattr(kind, "__metadata__", ())
-        yield from (one for one in said if isinstance(one, Quantity))

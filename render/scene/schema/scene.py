@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -48,7 +50,7 @@ from render.scene.parts import (
     Sites,
     Window,
 )
-from render.scene.quantities import Part, since_schema_2
+from render.scene.quantities import Part, since_schema_2, unchecked
 from render.scene.schema.content_hash import content_hash
 from render.scene.schema.fitting import fitting_problems
 from render.scene.skin import Skin
@@ -56,6 +58,23 @@ from render.scene.states import REST, State
 from render.scene.tolerances import Tolerances
 
 SCENE_NAME = r"^[a-z0-9][a-z0-9_-]{0,63}$"
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """The content of the file that a scene was read from, and the folder of files that it names.
+
+    How a scene is written has no part in which one it is: all are equal, and equal to None.
+    """
+
+    content: dict[str, Any]
+    folder: Path
+
+    def __eq__(self, other: object) -> bool:
+        """Return that it makes no difference."""
+        return True
+
+    __hash__ = None  # type: ignore[assignment]
 
 
 class Scene(Part):
@@ -84,6 +103,66 @@ class Scene(Part):
     constraints: Constraints | None = None
     tolerances: Tolerances | None = None
     free: FreeRanges | None = None
+    _written: Written | None = None
+
+    def with_(self, **changes: Any) -> Scene:
+        """Return the scene that its file describes after an edit, validated as a file is.
+
+        Keys are paths of the scene file, values have the file's units (mm, deg, 1/mm)::
+
+            scene.with_(pad_thickness=3.0, bending_angles=[0, 30])
+            scene.with_(**{"pad.thickness": 3.0, "rows.0.gap": 0.5}, diffuser={"g": 0.8})
+
+        In a key without dots underscores may stand for them. A value is a plain one, or what the
+        file has (``{"value": 3.0, "unit": "mm", "source": "drawing"}``). A table changes the keys
+        that it names, a list takes the place of the whole list, None leaves a key out.
+
+        Raises:
+            SceneError: what the file would be refused for, an ambiguous key, or this scene was made
+                in memory from another one.
+        """
+        from render.scene.scene_file import changed_scene
+
+        return changed_scene(self, changes)
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Scene:
+        """Return a copy whose values in ``update`` are checked, and fit to the rest.
+
+        They are in memory units (mm, rad); `with_` takes those of the file.
+
+        Raises:
+            SceneError: an unknown key, a value that no file may have, or parts that do not fit.
+        """
+        copy = super().model_copy(update=update, deep=deep)
+        # Which keys a file may have is its schema's, and states may lack what a file must have.
+        newest = {"schema_version": 2}
+        problems = fitting_problems(unchecked(copy, newest)) if update else []
+        if problems:
+            before = fitting_problems(unchecked(self, newest))
+            problems = [problem for problem in problems if problem not in before]
+        if problems:
+            raise SceneError(f"the copy of {self.name} is no valid scene: {'; '.join(problems)}")
+        return copy
+
+    def __repr__(self) -> str:
+        """Return the scene in one line."""
+        pad, count = self.pad, len(self.state_axis)
+        word = self.state_word or "state"
+        return (
+            f"<Scene {self.name} ({self.hash}): pad {pad.width:g} x {pad.length:g} x "
+            f"{pad.thickness:g} mm, {self.lamp_count} lamp{'s' * (self.lamp_count != 1)}, "
+            f"{self.sites.count} site{'s' * (self.sites.count != 1)} of {self.indenter.faces} "
+            f"facets, {count} {word}{'s' * (count != 1)}>"
+        )
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        """Return the line and a drawing of the sensor."""
+        from render.notebook import captioned
+        from render.sensor_drawing import sensor_svg
+
+        return captioned(repr(self), sensor_svg(self))
 
     @model_validator(mode="before")
     @classmethod
@@ -151,10 +230,10 @@ class Scene(Part):
             state = self.states[int(number) - 1]
             crown, carried = state.crown_of(self.skin, self.pad), state.carried(self.sites)
             changed["skin"] = state.skin_of(self.skin)
-            changed["pad"] = self.pad.model_copy(update={"thickness": crown})
+            changed["pad"] = unchecked(self.pad, {"thickness": crown})
             if carried is not None:
-                changed["sites"] = self.sites.model_copy(update={"carried": carried})
-        return self.model_copy(update=changed)
+                changed["sites"] = unchecked(self.sites, {"carried": carried})
+        return unchecked(self, changed)
 
     def baseline_colors(self) -> tuple[str, ...]:
         """Return the color of each lamp in the design that others are compared with."""
@@ -173,7 +252,7 @@ class Scene(Part):
             if part.profile.sigma_v is None:
                 return part
             width = {"sigma_v": part.profile.sigma_v * factor}
-            return part.model_copy(update={"profile": part.profile.model_copy(update=width)})
+            return unchecked(part, {"profile": unchecked(part.profile, width)})
 
         changed: dict[str, Any] = {
             name: tuple(wider(part) for part in getattr(self, name))
@@ -182,8 +261,8 @@ class Scene(Part):
         }
         if self.fibers is not None:
             width = {"sigma_v": self.fibers.sigma_v * factor}
-            changed["fibers"] = self.fibers.model_copy(update=width)
-        return self.model_copy(update=changed)
+            changed["fibers"] = unchecked(self.fibers, width)
+        return unchecked(self, changed)
 
     @property
     def box(self) -> Box:
@@ -266,9 +345,7 @@ class Scene(Part):
         """Return the scene whose skin has one ``albedo`` in all channels."""
         if albedo == self.coating.albedo:
             return self
-        return self.model_copy(
-            update={"coating": self.coating.model_copy(update={"albedo": albedo})}
-        )
+        return unchecked(self, {"coating": unchecked(self.coating, {"albedo": albedo})})
 
     @property
     def hash(self) -> str:

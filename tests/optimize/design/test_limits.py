@@ -16,7 +16,7 @@ from optimize.scoring import TableScorer
 from optimize.search import alternating_search, optimize_directions, refine_locally
 from optimize.search.colors import exact_colors, grouped_colors, quick_colors
 from render.errors import DesignError
-from render.scene import Constraints, FixedFiber, Scene, load_scene, scene_text
+from render.scene import Constraints, FixedFiber, Scene, load_scene, scene_text, unchecked
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -76,9 +76,8 @@ def test_pairs_that_cannot_be_are_said_to_be_impossible(make_table: MakeTable) -
 
 def test_contradicting_constraints_are_refused(finger20: Scene) -> None:
     fixed = tuple(FixedFiber(fiber=i, color="red") for i in range(3))
-    scene = finger20.model_copy(
-        update={"constraints": Constraints(max_red=3, max_green=0, max_blue=16, fixed=fixed)}
-    )
+    given = Constraints(max_red=3, max_green=0, max_blue=16, fixed=fixed)
+    scene = unchecked(finger20, {"constraints": given})
     with pytest.raises(DesignError, match="constraints"):
         limits_of(scene)
 

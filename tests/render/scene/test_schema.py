@@ -234,8 +234,11 @@ def test_sources_are_keyed_like_the_values() -> None:
 
 
 def test_scenes_are_immutable() -> None:
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(SceneError, match=r"width cannot be set to 3.0, .*scene.with_\("):
         SCENE.pad.width = 3.0
+    with pytest.raises(SceneError, match=r"pad cannot be set .*scene.with_\("):
+        SCENE.pad = SCENE.pad
+    assert SCENE.pad.width == 18.0
 
 
 def test_a_missing_scene_is_told_which_exist(tmp_path: Path) -> None:
