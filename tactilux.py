@@ -31,8 +31,11 @@ level 2) predict the same array::
 
 A design is searched, and proven, in two lines::
 
-    found = tactilux.explore(scene)
-    proof = tactilux.verify(found.design, scene)
+    found = tactilux.explore("finger20")
+    proof = tactilux.verify(found.design, "finger20")
+
+Where a scene is meant, its name or its file will do, for a design its file, for a model its folder.
+Nothing is written to the terminal unless ``progress=True`` asks for a bar.
 
 Importing this module loads nothing; every name loads what it needs when it is first used.
 """
@@ -42,14 +45,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
     from optimize.design import Design, baseline_design, load_design, save_design
-    from optimize.exploration import Exploration
+    from optimize.exploration import Exploration, Stage
+    from optimize.reconstruction import ErrorComparison
     from optimize.search import SearchStep
     from optimize.verification import Optimization, OptimizationMethod, Verification
     from render import register_plugins
+    from render.arrays import Array
     from render.errors import (
         CompilerError,
         DesignError,
@@ -63,7 +68,7 @@ if TYPE_CHECKING:
     )
     from render.preview import Preview
     from render.progress import OnProgress
-    from render.reference import render_transport
+    from render.reference import TransportEstimate
     from render.scene import Scene, load_scene
     from render.transport import TransportTable, load_table
     from surrogate.runtime import Checker
@@ -72,7 +77,6 @@ _HOMES = {
     "Scene": "render.scene",
     "load_scene": "render.scene",
     "Preview": "render.preview",
-    "render_transport": "render.reference",
     "TransportTable": "render.transport",
     "load_table": "render.transport",
     "register_plugins": "render",
@@ -115,6 +119,9 @@ __all__ = [
     "load_scene",
     "load_table",
     "optimize",
+    "picture",
+    "rate",
+    "reconstruct",
     "register_plugins",
     "render_transport",
     "save_design",
@@ -136,112 +143,358 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-def load_model(scene: Scene, folder: str | Path | None = None) -> Checker:
+def load_model(
+    scene: Scene | str | Path,
+    folder: str | Path | None = None,
+    *,
+    coarse: bool = False,
+    progress: OnProgress | bool | None = None,
+) -> Checker:
     """Return the surrogate of ``scene``, level 1, or its preview, level 0, where there is none.
 
     The first time that takes about a minute: the converged preview follows light to every facet.
 
     Arguments:
-        scene: the sensor.
+        scene: the sensor, its name or its file.
         folder: that holds ``checker.onnx`` (default: found by the scene's hash, here
             or as shipped).
+        coarse: take the preview as drawn, in seconds, and less exact; for studies of variants.
+        progress: called with how far the preview is, and with notes on the model; True is a bar.
 
     Raises:
         ModelError: there is none in ``folder``, or it is altered, corrupt or of another scene.
+        GraphicsError: there is none, and no OpenGL library can draw the preview.
     """
-    from optimize.scoring import open_model
+    from optimize.scoring import scene_model
+    from optimize.ui.console import shown_progress
+    from render.arguments import as_kind, as_path
+    from render.errors import ModelError
+    from render.scene import as_scene
 
-    return open_model(scene, None if folder is None else Path(folder))
+    sensor = as_scene(scene)
+    given = None if folder is None else as_path(folder, "folder", ModelError)
+    as_kind(coarse, bool, "coarse", "True or False", ModelError)
+    with shown_progress(progress, "Making the preview") as report:
+        return scene_model(sensor, given, coarse=coarse, progress=report)
+
+
+def rate(
+    design: Design | str | Path,
+    scene: Scene | str | Path,
+    *,
+    model: Checker | str | Path | None = None,
+    progress: OnProgress | bool | None = None,
+) -> Stage:
+    """Return what the surrogate says of ``design``, level 1, in milliseconds.
+
+    Arguments:
+        design: what is rated, or its file.
+        scene: its sensor, or the name or the file of that.
+        model: its surrogate, or the folder of that (default: `load_model`).
+        progress: as of `load_model`.
+
+    Returns:
+        ``rating`` (score S of thesis eq. 4.7 in counts with a 90 % interval), ``counts``
+        ``(bend, site, facet, channel)``, ``metric`` ``(bend, site)``, ``clipped``, and
+        ``normal_error`` in degrees.
+    """
+    from optimize.exploration import rate as run
+
+    sensor, checker = _model_of(scene, model, progress)
+    return run(checker, sensor, "design", "Design", "", _design_of(design, sensor))
+
+
+def reconstruct(
+    design: Design | str | Path,
+    scene: Scene | str | Path,
+    *,
+    model: Checker | str | Path | None = None,
+    read_noise: float = 1.0,
+    full_well: float = 10_000.0,
+    seed: int = 0,
+    progress: OnProgress | bool | None = None,
+) -> dict[str, ErrorComparison]:
+    """Return by how many degrees normals are recovered from the colors, against the baseline.
+
+    Arguments:
+        design: whose colors are read, or its file.
+        scene: its sensor, or the name or the file of that.
+        model: its surrogate, or the folder of that (default: `load_model`).
+        read_noise: of the camera, one standard deviation in counts.
+        full_well: photoelectrons at 255 counts, for the shot noise.
+        seed: of normals and noise, which both designs share.
+        progress: as of `load_model`.
+
+    Returns:
+        ``lookup_mean``, ``lookup_95%``, ``regressor_mean`` and ``regressor_95%``: errors of
+        ``baseline`` and ``design`` in degrees, their ``difference`` and its 95 % ``interval``.
+    """
+    from optimize.design import dimmed_baseline
+    from optimize.reconstruction import (
+        SEEDS,
+        CameraNoise,
+        compare_reconstruction,
+        predicted_colors,
+    )
+    from render.arguments import as_number, as_whole
+    from render.errors import DesignError
+
+    first = as_whole(seed, "seed", DesignError, least=0)
+    noise = CameraNoise(
+        as_number(read_noise, "read_noise", DesignError, least=0.0),
+        as_number(full_well, "full_well", DesignError, least=1.0),
+    )
+    sensor, checker = _model_of(scene, model, progress)
+    designs = [dimmed_baseline(sensor), _design_of(design, sensor)]
+    pairs = [predicted_colors(checker, sensor, each) for each in designs]
+    return compare_reconstruction(sensor, pairs, pairs, noise, range(first, first + SEEDS))
+
+
+def picture(
+    design: Design | str | Path,
+    scene: Scene | str | Path,
+    *,
+    bend: float = 0.0,
+    size: tuple[int, int] | None = None,
+    pressed: bool = True,
+    samples: int | None = None,
+    seed: int = 1,
+    progress: OnProgress | bool | None = None,
+) -> Array:
+    """Return what the camera records of a design, in counts that saturate at 255.
+
+    Arguments:
+        design: that lights the pad, or its file.
+        scene: its sensor, or the name or the file of that.
+        bend: rad in [0, pi], or the number of one of the scene's states.
+        size: columns and rows (default: the camera's).
+        pressed: by the pyramids, or untouched.
+        samples: light paths per pixel, level 2; None draws the preview, level 0, in a second.
+        seed: of the light paths.
+        progress: called every few seconds of a render; True is a bar.
+
+    Returns:
+        ``(row, column, channel)``, float64, as the camera sees it: from within, the tip up.
+        Renders are smoothed over pixels nearby that see the same face.
+    """
+    from optimize.ui.console import shown_progress
+    from render.arguments import as_number, as_whole
+    from render.errors import RenderError
+    from render.metric import clip_counts
+    from render.preview import Preview
+    from render.reference import render_image, smoothed
+    from render.scale import scene_scale
+    from render.scene import as_scene
+
+    sensor = as_scene(scene)
+    lit, (columns, rows) = _design_of(design, sensor), _size(size, sensor)
+    angle, chance = (
+        as_number(bend, "bend", RenderError, least=0.0),
+        as_whole(seed, "seed", RenderError, least=0),
+    )
+    count = None if samples is None else as_whole(samples, "samples", RenderError, least=1)
+    with shown_progress(progress, "Rendering") as report:
+        if count is None:
+            with Preview(sensor) as preview:
+                drawn = preview.picture(lit.phi, lit.power, angle, columns, rows, pressed)
+            light = drawn.astype(float)
+        else:
+            found = render_image(
+                sensor, lit.phi, lit.power, angle, width=columns, height=rows, samples=count,
+                seed=chance, indented=pressed, progress=report,
+            )  # fmt: skip
+            light = smoothed(found).radiance
+    # Both draw the skin from outside; the camera looks from within.
+    counts: Array = clip_counts(scene_scale(sensor).exposure * light[:, ::-1])
+    return counts
+
+
+def render_transport(
+    scene: Scene | str | Path,
+    phi: Array,
+    bends: Array,
+    *,
+    samples: int,
+    seeds: Sequence[int] = (1,),
+    replicates: int = 8,
+    checkpoint: str | Path | None = None,
+    progress: OnProgress | bool | None = None,
+) -> TransportEstimate:
+    """Render the transport of all fibers at all bends, level 2.
+
+    Arguments:
+        scene: the sensor, its name or its file.
+        phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
+        bends: ``(bend,)`` rad, within [0, pi], or numbers of the scene's states.
+        samples: light paths per (fiber, facet) pair and seed, on average.
+        seeds: independent runs; the same seeds give common random numbers between designs.
+        replicates: independent groups of paths per seed, for the error bars.
+        checkpoint: a folder; interrupted, the same call goes on from there and ends bit-equal.
+        progress: called every few seconds; True is a bar.
+
+    Returns:
+        ``T`` and its standard error ``se``, ``(fiber, node, bend, site, facet[, channel])`` in
+        1/(mm^2 sr) per unit power of one fiber; ``background`` and ``background_se`` of the
+        untouched pad; ``replicates``, whose mean is ``T``.
+
+    Raises:
+        RenderError: an argument out of range, or no light found.
+        SceneError: a site that counts is not seen at one of ``bends``.
+    """
+    from optimize.ui.console import shown_progress
+    from render.reference import render_transport as run
+
+    with shown_progress(progress, "Rendering") as report:
+        return run(
+            scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates,
+            checkpoint=checkpoint, progress=report,
+        )  # fmt: skip
 
 
 def explore(
-    scene: Scene,
+    scene: Scene | str | Path,
     *,
-    model: Checker | None = None,
+    model: Checker | str | Path | None = None,
     seed: int = 0,
-    progress: Callable[[SearchStep], None] | None = None,
+    progress: Callable[[SearchStep], None] | bool | None = None,
 ) -> Exploration:
     """Return a better design for ``scene``, searched and rated on the surrogate in seconds.
 
     Arguments:
-        scene: the sensor; the search keeps to its constraints.
-        model: its surrogate (default: `load_model`).
+        scene: the sensor, its name or its file; the search keeps to its constraints.
+        model: its surrogate, or the folder of that (default: `load_model`).
         seed: of the search; the same seed gives the same design.
-        progress: called after every step of the search.
+        progress: called after every step of the search; True says the steps on stderr.
 
     Returns:
         ``design``, its ``rating`` (score S of thesis eq. 4.7 in counts with a 90 % interval), and
         ``stages`` from the baseline on.
     """
     from optimize.exploration import explore as run
+    from optimize.ui.console import shown_progress
+    from render.arguments import as_whole
+    from render.errors import DesignError
+    from render.progress import Progress
 
-    return run(scene, model or load_model(scene), seed=seed, progress=progress)
+    chosen = as_whole(seed, "seed", DesignError, least=0)
+    with shown_progress(progress, "Exploring") as report:  # type: ignore[arg-type]
+        sensor, checker = _model_of(scene, model, report if progress is True else None)
+        told: Any = report
+        if progress is True and report is not None:
+
+            def told(step: SearchStep) -> None:
+                report(Progress.of_note(f"{step.stage}: score {step.score:.1f}"))
+
+        return run(sensor, checker, seed=chosen, progress=told)
 
 
 def verify(
-    design: Design,
-    scene: Scene,
+    design: Design | str | Path,
+    scene: Scene | str | Path,
     *,
-    model: Checker | None = None,
+    model: Checker | str | Path | None = None,
     samples: int = 200,
     seeds: Sequence[int] = (1, 2, 3, 4),
     checkpoint: str | Path | None = None,
-    progress: OnProgress | None = None,
+    progress: OnProgress | bool | None = None,
 ) -> Verification:
     """Return what renders say about ``design`` against the baseline, at level 2.
 
     Arguments:
-        design: what is verified.
-        scene: its sensor.
-        model: the surrogate whose prediction is checked; exposure and lambda are its own.
+        design: what is verified, or its file.
+        scene: its sensor, or the name or the file of that.
+        model: the surrogate whose prediction is checked, or its folder; exposure and lambda are
+            its own.
         samples: light paths per (fiber, facet) pair and seed.
         seeds: common to both designs.
         checkpoint: a folder; interrupted, the same call goes on from there and ends bit-equal.
-        progress: called every few seconds with what is rendered.
+        progress: called every few seconds with what is rendered; True is a bar.
 
     Returns:
         ``baseline`` and ``design`` (scores with standard errors, counts), their ``difference``
         with an interval, and ``conclusion``, one sentence.
     """
-    from optimize.exploration import rate
+    from optimize.exploration import rate as rated
+    from optimize.ui.console import shown_progress
     from optimize.verification import verify as run
+    from render.arguments import as_folder, as_seeds, as_whole
+    from render.errors import RenderError
 
-    checker = model or load_model(scene)
-    return run(
-        rate(checker, scene, "design", "Design", "", design),
-        checker,
-        samples=samples,
-        seeds=seeds,
-        checkpoint=None if checkpoint is None else Path(checkpoint),
-        progress=progress,
-    )
+    count, chosen = as_whole(samples, "samples", RenderError, least=1), as_seeds(seeds, RenderError)
+    folder = as_folder(checkpoint, "checkpoint", RenderError)
+    with shown_progress(progress, "Verifying") as report:
+        sensor, checker = _model_of(scene, model, report)
+        stage = rated(checker, sensor, "design", "Design", "", _design_of(design, sensor))
+        return run(stage, checker, samples=count, seeds=chosen, checkpoint=folder, progress=report)
 
 
 def optimize(
-    scene: Scene,
+    scene: Scene | str | Path,
     *,
-    model: Checker | None = None,
+    model: Checker | str | Path | None = None,
     method: OptimizationMethod = "loop",
     samples: int = 96,
     seed: int = 0,
     checkpoint: str | Path | None = None,
-    progress: OnProgress | None = None,
+    progress: OnProgress | bool | None = None,
 ) -> Optimization:
     """Return a design that renders chose: the surrogate proposes, level 2 decides.
 
     Arguments:
-        scene: the sensor.
-        model: its surrogate (default: `load_model`).
+        scene: the sensor, its name or its file.
+        model: its surrogate, or the folder of that (default: `load_model`).
         method: the verification ``loop``, the ``thesis`` procedure, or ``both`` side by side.
         samples: light paths per (fiber, facet) pair of every candidate's render.
         seed: of searches and renders.
         checkpoint: a folder; interrupted, the same call goes on from there.
-        progress: called every few seconds with what is rendered.
+        progress: called every few seconds with what is rendered; True is a bar.
     """
-    from optimize.verification import OptimizeConfig, reference_renders
+    from optimize.ui.console import shown_progress
+    from optimize.verification import OptimizationMethod, OptimizeConfig, reference_renders
     from optimize.verification import optimize as run
+    from render.arguments import as_folder, as_one_of, as_whole
+    from render.errors import RenderError
 
-    folder = None if checkpoint is None else Path(checkpoint)
-    render = reference_renders(scene, folder, progress)
-    config = OptimizeConfig(method=method, samples=samples, seed=seed)
-    return run(scene, model or load_model(scene), render, config)
+    as_one_of(method, get_args(OptimizationMethod), "method", RenderError)
+    count = as_whole(samples, "samples", RenderError, least=1)
+    chosen = as_whole(seed, "seed", RenderError, least=0)
+    folder = as_folder(checkpoint, "checkpoint", RenderError)
+    config = OptimizeConfig(method=method, samples=count, seed=chosen)
+    with shown_progress(progress, "Optimizing") as report:
+        sensor, checker = _model_of(scene, model, report)
+        return run(sensor, checker, reference_renders(sensor, folder, report), config)
+
+
+def _model_of(
+    scene: Scene | str | Path, model: Checker | str | Path | None, progress: Any
+) -> tuple[Scene, Checker]:
+    """Return a scene with its model, however both are given; True and a function tell of it."""
+    from optimize.scoring import as_model
+    from optimize.ui.console import shown_progress
+    from render.scene import as_scene
+
+    sensor = as_scene(scene)
+    with shown_progress(progress, "Making the preview") as report:
+        return sensor, as_model(model, sensor, report)
+
+
+def _design_of(design: Design | str | Path, scene: Scene) -> Design:
+    from optimize.design import as_design
+
+    return as_design(design, scene)
+
+
+def _size(size: tuple[int, int] | None, scene: Scene) -> tuple[int, int]:
+    """Return columns and rows of a picture."""
+    from render.arguments import as_whole, refuse
+    from render.errors import RenderError
+    from render.scene import MOST_PIXELS
+
+    if size is None:
+        return scene.camera.columns, scene.camera.rows
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        refuse(size, "size", "columns and rows, such as (240, 400)", RenderError)
+    columns, rows = (as_whole(side, "size", RenderError, least=1) for side in size)
+    if max(columns, rows) > MOST_PIXELS:
+        refuse(size, "size", f"at most {MOST_PIXELS} columns and rows", RenderError)
+    return columns, rows

@@ -27,6 +27,11 @@ class Progress:
     stage: str = ""
     note: str = ""
 
+    @classmethod
+    def of_note(cls, text: str) -> Progress:
+        """Return a sentence for the person who waits, and nothing of the work."""
+        return cls(0.0, 0.0, note=text)
+
 
 OnProgress = Callable[[Progress], None]
 """What long work calls, every few seconds or after every unit."""

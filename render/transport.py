@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
+from render.arguments import as_kind, as_numbers, as_one_of, as_path, as_target, refuse
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
@@ -62,8 +64,14 @@ class TransportTable:
 
     def __post_init__(self) -> None:
         """Check shapes and values: a table with missing cells is refused, never patched."""
-        if self.level not in LEVELS:
-            raise TableError(f"level = {self.level!r}, allowed: {', '.join(LEVELS)}", field="level")
+        as_one_of(self.level, LEVELS, "level", TableError)
+        for name in ("T", "se", "phi", "bends", *OPTIONAL):
+            given = getattr(self, name)
+            if given is not None or name not in OPTIONAL:
+                object.__setattr__(self, name, as_numbers(given, name, TableError))
+        for name in ("exposure", "lam"):
+            as_kind(getattr(self, name), Real, name, "a number", TableError)
+        as_kind(self.scene_hash, str, "scene_hash", "a text", TableError)
         if self.T.ndim not in (5, 6) or 0 in self.T.shape:
             raise TableError(
                 f"T has shape {self.T.shape}, allowed: five non-empty axes "
@@ -107,6 +115,12 @@ class TransportTable:
         if not (np.isfinite(self.lam) and self.lam >= 0):
             raise TableError(f"lam = {self.lam}, allowed: finite and at least 0", field="lam")
 
+    def __repr__(self) -> str:
+        """Return in one line which level it is of, and its axes."""
+        axes = ("fibers", "directions", "bends", "sites", "facets", "channels")
+        sizes = ", ".join(f"{n} {axis}" for n, axis in zip(self.T.shape, axes, strict=False))
+        return f"<TransportTable, {self.level}, scene {self.scene_hash or 'unknown'}: {sizes}>"
+
     @property
     def by_channel(self) -> bool:
         """Whether the materials depend on the color channel."""
@@ -117,6 +131,11 @@ class TransportTable:
 
         A table of one node knows no other direction and returns that node for every ``phi``.
         """
+        phi = as_numbers(phi, "phi", TableError)
+        if phi.shape != self.T.shape[:1]:
+            raise TableError(
+                f"phi has shape {phi.shape}, allowed: ({len(self.T)},), one per fiber", field="phi"
+            )
         low, high = self.phi.min(), self.phi.max()
         if len(self.phi) > 1 and not ((phi >= low) & (phi <= high)).all():
             raise TableError(
@@ -128,6 +147,12 @@ class TransportTable:
 
     def at_bends(self, bends: Array) -> TransportTable:
         """Return the table at ``bends`` ``(bend,)`` rad, interpolated, without its background."""
+        bends = as_numbers(bends, "bends", TableError)
+        if bends.ndim != 1 or not bends.size or not self.bends.size or not np.isfinite(bends).all():
+            known = ", ".join(f"{bend:g}" for bend in self.bends) or "none, as the table has none"
+            refuse(
+                bends, "bends", f"a list of finite bends; those of the table: {known}", TableError
+            )
         weights = interpolation_weights(self.bends, bends)
         T, se = (np.einsum("ab,fjbsk...->fjask...", weights, part) for part in (self.T, self.se))
         return replace(
@@ -140,8 +165,9 @@ class TransportTable:
             half_difference=None,
         )
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write the table as ``.npz`` without pickles, first beside ``path``, then renamed."""
+        path = as_target(path, "path", TableError)
         arrays: dict[str, np.ndarray] = {
             "T": self.T,
             "se": self.se,
@@ -185,13 +211,14 @@ def mean_table(tables: Sequence[TransportTable], samples: Sequence[float]) -> Tr
     )
 
 
-def load_table(path: Path) -> TransportTable:
+def load_table(path: str | Path) -> TransportTable:
     """Return the table stored in ``path``.
 
     Raises:
         TableError: when the file is missing, is not such a table, or has bad cells.
         ReadError: when memory, handles or rights do not suffice to read it.
     """
+    path = as_path(path, "path", TableError)
     arrays = read_npz(path)
     missing = {"T", "phi", "exposure", "lam"} - set(arrays)
     if missing:

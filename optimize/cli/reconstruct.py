@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from optimize.reconstruction import CameraNoise, ErrorComparison
     from render.arrays import Array
 
-SEEDS = 8
 RENDER_SEED = 700
 
 
@@ -38,6 +37,7 @@ def run(
     """Recover surface normals from the colors, in degrees."""
     from optimize.design import open_rated
     from optimize.reconstruction import (
+        SEEDS,
         CameraNoise,
         compare_reconstruction,
         predicted_colors,
@@ -111,6 +111,7 @@ def _print(
     stream: IO[str], path: Path, level: str, noise: CameraNoise, found: dict[str, ErrorComparison]
 ) -> None:
     from optimize.design import LEVEL_NAMES
+    from optimize.reconstruction import SEEDS
 
     rows = [
         (

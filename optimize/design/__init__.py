@@ -10,6 +10,7 @@ from optimize.design.design import (
     one_led,
 )
 from optimize.design.design_file import (
+    as_design,
     load_design,
     load_design_file,
     open_rated,

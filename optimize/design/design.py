@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render.arguments import as_kind, as_numbers, refuse
 from render.errors import DesignError
-from render.scene import RGB, Palette, Scene
+from render.scene import RGB, Palette, Scene, as_scene
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.int64]
@@ -33,12 +35,17 @@ class Design:
 
     def __post_init__(self) -> None:
         """Refuse wrong shapes, values out of range and NaN."""
+        as_kind(self.palette, Palette, "palette", "the palette of a scene", DesignError)
+        object.__setattr__(self, "phi", as_numbers(self.phi, "phi", DesignError))
+        object.__setattr__(self, "drive", as_numbers(self.drive, "drive", DesignError))
         if self.phi.ndim != 1 or not len(self.phi):
             raise DesignError(f"phi has shape {self.phi.shape}, allowed: (fibers,)", field="phi")
         expected = (len(self.phi), len(self.palette.names))
         if self.drive.shape != expected:
             raise DesignError(
-                f"power has shape {self.drive.shape}, allowed: {expected}", field="power"
+                f"power has shape {self.drive.shape}, allowed: {expected}, as phi has "
+                f"{len(self.phi)} fibers",
+                field="power",
             )
         for name, values, high in (("phi", self.phi, math.pi), ("power", self.drive, 1.0)):
             bad = ~((values >= 0.0) & (values <= high))
@@ -54,15 +61,25 @@ class Design:
         cls, phi: Array, colors: Sequence[int] | Colors, palette: Palette = RGB
     ) -> Design:
         """Return the design with one LED of ``palette`` at full power per fiber, none for -1."""
-        chosen = np.asarray(colors, dtype=np.int64)
-        count = len(palette.names)
-        if chosen.ndim != 1 or ((chosen < DARK) | (chosen >= count)).any():
+        as_kind(palette, Palette, "palette", "the palette of a scene", DesignError)
+        phi, count = as_numbers(phi, "phi", DesignError), len(palette.names)
+        allowed = (
+            f"one of {', '.join(map(str, range(count)))} ({', '.join(palette.names)}) or {DARK} "
+            "(off) per fiber"
+        )
+        try:
+            numbers = as_numbers(colors, "colors", DesignError)
+        except DesignError:
+            refuse(colors, "colors", allowed, DesignError)
+        if numbers.shape != phi.shape:
             raise DesignError(
-                f"colors = {chosen.tolist()}, allowed: one of {', '.join(map(str, range(count)))} "
-                f"({', '.join(palette.names)}) or {DARK} (off) per fiber",
+                f"colors has shape {numbers.shape}, allowed: one for each of phi, {phi.shape}",
                 field="colors",
             )
-        return cls(np.asarray(phi, dtype=np.float64), one_led(chosen, count), palette)
+        known = (numbers == np.floor(numbers)) & (numbers >= DARK) & (numbers < count)
+        if not known.all():
+            refuse(np.asarray(colors).tolist(), "colors", allowed, DesignError)
+        return cls(phi, one_led(numbers.astype(np.int64), count), palette)
 
     @cached_property
     def power(self) -> Array:
@@ -79,6 +96,49 @@ class Design:
     def color_names(self) -> list[str]:
         """The color of each fiber by name, ``off`` without light."""
         return [self.palette.name(index) for index in self.colors]
+
+    def __repr__(self) -> str:
+        """Return in one line how many fibers have which color, and where they point."""
+        names = self.color_names
+        lit = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
+        low, high = np.degrees([self.phi.min(), self.phi.max()])
+        return f"<Design of {len(names)} fibers: {lit}; phi {low:.4g} to {high:.4g} deg>"
+
+    def _repr_html_(self) -> str:
+        """Return the line and a table of the fibers."""
+        from render.notebook import tabled
+
+        rows = [
+            (str(fiber), name, f"{np.degrees(phi):.4g}", ", ".join(f"{x:.3g}" for x in drive))
+            for fiber, (name, phi, drive) in enumerate(
+                zip(self.color_names, self.phi, self.drive, strict=True)
+            )
+        ]
+        leds = ", ".join(self.palette.names)
+        return tabled(repr(self), ("fiber", "color", "phi, deg", f"power of {leds}"), rows)
+
+    def check_fits(self, scene: Scene, origin: str = "the design") -> None:
+        """Refuse a design that is not one of ``scene``'s.
+
+        Raises:
+            DesignError: it has not the scene's number of fibers, or not its LEDs.
+        """
+        self.check_fiber_count(scene, origin)
+        if self.palette != scene.palette:
+            raise DesignError(
+                f"{origin} has the LEDs {', '.join(self.palette.names)}, allowed: those of scene "
+                f"{scene.name} ({', '.join(scene.palette.names)}); give palette=scene.palette",
+                field="palette",
+            )
+
+    def check_fiber_count(self, scene: Scene, origin: str = "the design") -> None:
+        """Refuse a design that has not ``scene``'s number of fibers, with a DesignError."""
+        if len(self.phi) != scene.lamp_count:
+            raise DesignError(
+                f"{origin} has {len(self.phi)} fibers, allowed: {scene.lamp_count} as in scene "
+                f"{scene.name}",
+                field="fibers",
+            )
 
     @property
     def monochrome(self) -> bool:
@@ -104,8 +164,12 @@ def one_led(colors: Colors, count: int) -> Array:
     return np.asarray(np.vstack([np.eye(count), np.zeros(count)])[colors])
 
 
-def baseline_design(scene: Scene) -> Design:
-    """Return the design to beat: one color per edge, every fiber normal to it (thesis 5.1)."""
+def baseline_design(scene: Scene | str | Path) -> Design:
+    """Return the design to beat: one color per edge, every fiber normal to it (thesis 5.1).
+
+    ``scene`` is the sensor, its name or its file.
+    """
+    scene = as_scene(scene)
     palette = scene.palette
     colors = [palette.index(color) for color in scene.baseline_colors()]
     return Design.of_colors(np.full(scene.lamp_count, math.pi / 2), colors, palette)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from codecs import BOM_UTF8
 from dataclasses import asdict, dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -31,11 +32,12 @@ from pydantic import (
 from optimize.design.design import Design
 from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
 from optimize.ui.provenance import package_versions
+from render.arguments import as_kind, as_path, as_target
 from render.errors import DesignError
 from render.files import read_bytes, write_text
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import in_json, problem_sentence, value_place
-from render.scene import OFF, RGB, Palette, Scene, load_scene, shipped_scenes
+from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene, shipped_scenes
 from render.transport import Level
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
@@ -161,13 +163,20 @@ class DesignFile(BaseModel):
         return self
 
 
-def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None = None) -> None:
-    """Write ``design`` for ``scene`` with its rating to ``path``, atomically.
+def save_design(
+    path: str | Path, design: Design, scene: Scene | str | Path, rating: Rating | None = None
+) -> None:
+    """Write ``design`` for ``scene``, its name or its file, with its rating, atomically.
 
     Raises:
-        DesignError: the design has not the scene's number of fibers, or its rating is not finite.
+        DesignError: the design is not one of the scene's, its rating is not finite, or ``path`` is
+            a folder.
     """
-    _check_fiber_count(design, scene, "the design")
+    path, scene = as_target(path, "path", DesignError), as_scene(scene)
+    design = as_kind(design, Design, "design", "a Design", DesignError)
+    if rating is not None:
+        as_kind(rating, Rating, "rating", "the rating of a design", DesignError)
+    design.check_fiber_count(scene)
     content = {
         "schema": 2,
         "scene": scene.name,
@@ -188,12 +197,26 @@ def save_design(path: Path, design: Design, scene: Scene, rating: Rating | None 
     write_text(path, text + "\n")
 
 
-def load_design(path: Path, scene: Scene) -> Design:
-    """Return the design in ``path``, which must have been made for ``scene``.
+def as_design(value: Design | str | Path, scene: Scene) -> Design:
+    """Return the design that is given, or that of a file, made for ``scene``.
+
+    Raises:
+        DesignError: it is none, or not one of the scene's.
+    """
+    if isinstance(value, str | PathLike):
+        return load_design(as_path(value, "design", DesignError), scene)
+    as_kind(value, Design, "design", "a Design or the path of a design.json", DesignError)
+    value.check_fits(scene)
+    return value
+
+
+def load_design(path: str | Path, scene: Scene | str | Path) -> Design:
+    """Return the design in ``path``, which must have been made for ``scene``, its name or its file.
 
     Raises:
         DesignError: names what is wrong with the file, or that it is for another scene.
     """
+    path, scene = as_path(path, "path", DesignError), as_scene(scene)
     saved = load_design_file(path)
     if saved.scene_hash != scene.hash:
         raise DesignError(
@@ -201,7 +224,7 @@ def load_design(path: Path, scene: Scene) -> Design:
             f"hash {scene.hash} of {scene.name}; pass the scene it was made for or explore anew",
             field="scene_hash",
         )
-    _check_fiber_count(saved.design, scene, str(path))
+    saved.design.check_fits(scene, str(path))
     return saved.design
 
 
@@ -260,15 +283,6 @@ def find_scene(named: str, design: Path) -> str | None:
     folders, names = (design.parent, Path()), (named, f"{named}.toml")
     files = (folder / name for name in names for folder in folders)
     return next((str(file) for file in files if file.is_file()), None)
-
-
-def _check_fiber_count(design: Design, scene: Scene, origin: str) -> None:
-    if len(design.phi) != scene.lamp_count:
-        raise DesignError(
-            f"{origin} has {len(design.phi)} fibers, allowed: {scene.lamp_count} as in scene "
-            f"{scene.name}",
-            field="fibers",
-        )
 
 
 def palette_in_file(palette: Palette) -> dict[str, Any]:

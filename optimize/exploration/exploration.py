@@ -55,6 +55,14 @@ class Stage(RatedDesign):
     normal_error: float
     photon_noise: float | None = None
 
+    def __repr__(self) -> str:
+        """Return the score with its interval in one line."""
+        low, high = self.rating.interval
+        return (
+            f"<Stage {self.title} of {self.scene.name}: score {self.rating.score:.1f} "
+            f"({low:.1f} to {high:.1f}), {self.rating.level}>"
+        )
+
 
 class StudyResult(Protocol):
     """What a study of the stages adds, for example by `optimize.robust`."""
@@ -80,6 +88,26 @@ class Exploration:
     seed: int
     seconds: float
     study: StudyResult | None = None
+
+    def __repr__(self) -> str:
+        """Return in one line what was gained, and on which level."""
+        first, last = self.stages[0].rating.score, self.rating
+        return (
+            f"<Exploration of {self.scene.name}: score {first:.1f} -> {last.score:.1f}, "
+            f"{last.level}, {len(self.stages)} stages>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the line, a table of the stages, and the design that was found."""
+        from render.notebook import tabled
+
+        rows = []
+        for stage in self.stages:
+            low, high = stage.rating.interval
+            scores = f"{stage.rating.score:.1f}", f"{low:.1f} to {high:.1f}"
+            rows.append((stage.title, *scores, f"{stage.normal_error:.2f}"))
+        names = ("stage", "score, counts", "90 % interval", "normal error, deg")
+        return tabled(repr(self), names, rows) + self.design._repr_html_()
 
     @property
     def design(self) -> Design:

@@ -1,6 +1,7 @@
 """What a design's score is worth in degrees of surface normal."""
 
 from optimize.reconstruction.normal_reconstruction import (
+    SEEDS,
     CameraNoise,
     ErrorComparison,
     compare_reconstruction,

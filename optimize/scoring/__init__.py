@@ -22,11 +22,13 @@ from optimize.scoring.render_scores import (
 from optimize.scoring.score_gradient import Differentiator
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
 from optimize.scoring.surrogate_model import (
+    as_model,
     find_model,
     first_model,
     is_prompt,
     open_model,
     predict_design,
+    scene_model,
     search_table,
     trained_model,
 )

@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from optimize.design import Array, Design, noise_words
-from optimize.ui.console import ProgressBar, note
+from optimize.ui.console import ProgressBar
+from render.arguments import as_path
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
+from render.progress import OnProgress, Progress
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import MODEL_FILE, Checker
@@ -72,22 +74,42 @@ def trained_model(scene: Scene, given: Path | None = None) -> Checker | None:
 def open_model(
     scene: Scene, given: Path | None = None, *, threads: int | None = None, coarse: bool = False
 ) -> Checker:
+    """Return the model of ``scene`` as `scene_model` does, which says on stderr what it does.
+
+    Raises:
+        ModelError: as `scene_model` does.
+        GraphicsError: as `scene_model` does.
+    """
+    with ProgressBar("Making the preview") as bar:
+        return scene_model(scene, given, threads=threads, coarse=coarse, progress=bar)
+
+
+def scene_model(
+    scene: Scene,
+    given: Path | None = None,
+    *,
+    threads: int | None = None,
+    coarse: bool = False,
+    progress: OnProgress | None = None,
+) -> Checker:
     """Return the model of ``scene``: a trained one, or what there is without one, see the module.
 
-    It says on stderr which; and warns where the scene leaves the range that a model was trained
-    for. A converged preview takes a minute, unless it is kept, as `is_prompt` says.
+    A converged preview takes a minute, unless it is kept, as `is_prompt` says.
 
     Arguments:
         scene: the sensor.
         given: folder of the model (default: see :func:`find_model`).
         threads: of the runtime (default: its own choice).
         coarse: take the preview as the shader draws it, even where there is a better answer.
+        progress: told how far the preview is, and in notes which level answers, and where the
+            scene leaves the range that a model was trained for.
 
     Raises:
         ModelError: there is none in ``given``, or it is damaged or of another scene; or a model
             is given and the coarse preview asked for.
         GraphicsError: there is none, and no OpenGL library can draw the preview.
     """
+    tell = progress or (lambda at: None)
     if coarse and given is not None:
         raise ModelError(
             f"--coarse asks for the preview, --model for {given}, allowed: one of them",
@@ -97,13 +119,14 @@ def open_model(
     if folder is None:
         from surrogate.preview_model import preview_checker
 
-        with ProgressBar("Making the preview") as bar:
-            checker = preview_checker(scene, bar, coarse=coarse)
+        checker = preview_checker(scene, progress, coarse=coarse)
         if not coarse:
-            note(
-                f"There is no model for scene {scene.name}, hash {scene.hash}: this is level 0, "
-                f"the {checker.level} alone{noise_words(checker.photon_noise)}; "
-                "tactilux train makes a model"
+            tell(
+                Progress.of_note(
+                    f"There is no model for scene {scene.name}, hash {scene.hash}: this is level "
+                    f"0, the {checker.level} alone{noise_words(checker.photon_noise)}; "
+                    "tactilux train makes a model"
+                )
             )
         return checker
     checker = Checker.for_scene(folder, scene, threads=threads)
@@ -116,12 +139,35 @@ def open_model(
                     free.get("high", []), strict=True)  # fmt: skip
         told = [f"{name} {value:g} (trained {low:g} to {high:g})"
                 for name, value, low, high in names if not low <= value <= high]  # fmt: skip
-        note(
-            f"Warning: scene {scene.name} lies outside the range that its model was trained for"
-            f"{': ' + ', '.join(told) if told else ''} (domain excess {excess:.2g}): what the "
-            "surrogate says of it is an extrapolation; train a model for it, or verify by renders"
+        outside = f": {', '.join(told)}" if told else ""
+        tell(
+            Progress.of_note(
+                f"Warning: scene {scene.name} lies outside the range that its model was trained "
+                f"for{outside} (domain excess {excess:.2g}): what the surrogate says of it is an "
+                "extrapolation; train a model for it, or verify by renders"
+            )
         )
     return checker
+
+
+def as_model(
+    value: Checker | str | Path | None, scene: Scene, progress: OnProgress | None = None
+) -> Checker:
+    """Return the model that is given, that of a folder, or what `scene_model` finds for None.
+
+    Raises:
+        ModelError: it is none, or of another scene.
+    """
+    if not isinstance(value, Checker):
+        folder = None if value is None else as_path(value, "model", ModelError)
+        return scene_model(scene, folder, progress=progress)
+    if value.scene_hash != scene.hash:
+        raise ModelError(
+            f"model = {value!r}, which is of another scene, allowed: hash {scene.hash} of "
+            f"{scene.name}; load_model gives it",
+            field="model",
+        )
+    return value
 
 
 def first_model(scene: Scene) -> Checker:

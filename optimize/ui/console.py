@@ -12,7 +12,8 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
 from optimize.ui.process import result_stream
-from render.progress import Progress
+from render.errors import TactiluxError
+from render.progress import OnProgress, Progress
 
 if TYPE_CHECKING:
     import rich.progress
@@ -121,6 +122,8 @@ class ProgressBar:
         """Show how far the work is."""
         if at.note:
             self.note(at.note)
+        if not at.total:
+            return
         now = time.monotonic()
         title = f"{self.title} {at.stage}".strip()
         title = title[:1].upper() + title[1:]
@@ -170,6 +173,24 @@ class ProgressBar:
             total=at.total,
             remaining=remaining,
         )
+
+
+@contextlib.contextmanager
+def shown_progress(progress: OnProgress | bool | None, title: str) -> Iterator[OnProgress | None]:
+    """Give what long work tells: a bar on stderr for True, nobody for False or None, or a function.
+
+    Raises:
+        TactiluxError: ``progress`` is something else.
+    """
+    if progress is True:
+        with ProgressBar(title) as bar:
+            yield bar
+    elif progress is False:
+        yield None
+    else:
+        from render.arguments import as_callback  # --help does without numpy
+
+        yield as_callback(progress, "progress", TactiluxError)
 
 
 def counted(count: int, one: str, many: str = "") -> str:

@@ -53,6 +53,28 @@ class Verification:
     samples: int
     doubt: str = ""
 
+    def __repr__(self) -> str:
+        """Return the difference and the conclusion in one line."""
+        low, high = self.difference.interval()
+        return (
+            f"<Verification: {self.difference.value:+.1f} ({low:+.1f} to {high:+.1f}) against the "
+            f"baseline. {self.conclusion}>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return the line and the scores with their 95 % intervals."""
+        from render.notebook import tabled
+
+        rows = []
+        for name, found in (
+            ("baseline", self.baseline.score),
+            ("design", self.design.score),
+            ("difference", self.difference),
+        ):
+            low, high = found.interval()
+            rows.append((name, f"{found.value:.1f}", f"{low:.1f} to {high:.1f}"))
+        return tabled(repr(self), ("", "score, counts", "95 % interval"), rows)
+
     @property
     def conclusion(self) -> str:
         """The conclusion in one sentence."""

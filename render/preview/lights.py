@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -23,6 +23,7 @@ IMAGE_MARK, END_MARK = 4096, -1
 """Parts of a light's mark, see `with_images`."""
 
 
+@runtime_checkable
 class PointLights(Protocol):
     """Point lights in flat pad coordinates, and what they emit for given fiber directions.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from render.arguments import as_folder, as_kind, as_numbers, as_one_of, as_whole, refuse
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import DesignError, GraphicsError
@@ -23,6 +25,7 @@ from render.geometry import (
 )
 from render.preview.bonded import bond_of, with_bonded_window
 from render.preview.facet_blur import facet_blurs, lines_of_sight
+from render.preview.gl import BACKENDS
 from render.preview.lights import PointLights, point_lights
 from render.preview.passes import MAX_TARGET_SIDE, Points, ShaderPasses
 from render.preview.radiosity import Radiosity, form_factors, solve_radiosity
@@ -30,7 +33,7 @@ from render.preview.shading_points import shading_points
 from render.preview.sight import Sight
 from render.preview.sloped_skin import slope_terms, sloped_skin
 from render.preview.superposition import LightTable, light_table
-from render.scene import Coating, Scene
+from render.scene import Coating, Scene, as_scene
 
 KEPT_PIXELS = 2**20
 """Pixels of pictures whose sight is kept for the next design."""
@@ -59,8 +62,8 @@ class Preview:
     Nothing in it is fitted to the reference.
 
     Arguments:
-        scene: the sensor; the shader is specialized to what it declares. Each of its states has a
-            context of its own.
+        scene: the sensor, its name or its file; the shader is specialized to what it declares. Each
+            of its states has a context of its own.
         backend: ``osmesa`` or ``egl``; None takes the first that works.
         cache: folder of cached slab responses; None is the user's cache.
         lights: what the fibers make of the scene, instead of the cached response.
@@ -74,14 +77,20 @@ class Preview:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Scene | str | Path,
         *,
         backend: str | None = None,
-        cache: Path | None = None,
+        cache: str | Path | None = None,
         lights: PointLights | None = None,
         imprint: Imprint | HeightMap | None = None,
     ) -> None:
         """Make the lights, open the context, upload what does not depend on the design."""
+        scene = as_scene(scene)
+        if backend is not None:
+            as_one_of(backend, BACKENDS, "backend", GraphicsError)
+        for name, given, kind in (("lights", lights, PointLights),
+                                  ("imprint", imprint, Imprint | HeightMap)):  # fmt: skip
+            as_kind(given, kind | None, name, "what render makes, or None", GraphicsError)
         self._whole = scene
         self._others: dict[float, Preview] = {}
         if scene.states is not None:
@@ -91,6 +100,7 @@ class Preview:
                     "make the preview of that (render.geometry.in_state)"
                 )
             scene, _ = in_state(scene, 0.0)
+        cache = as_folder(cache, "cache", GraphicsError)
         self._given: dict[str, Any] = {"backend": backend, "cache": cache, "lights": lights}
         # Lines of sight are those of the scene; light is in a pad that the window is part of.
         bond = bond_of(scene)
@@ -112,6 +122,11 @@ class Preview:
         self._passes: ShaderPasses | None = ShaderPasses(
             scene, self._lights, self._points, pressed, backend, bond
         )
+
+    def __repr__(self) -> str:
+        """Return in one line what it draws."""
+        state = "closed" if self._passes is None else "open"
+        return f"<Preview, {state}, of {self._whole!r}>"
 
     def __enter__(self) -> Preview:
         """Return the preview itself."""
@@ -149,10 +164,10 @@ class Preview:
             both with one more axis ``channel`` where the skin's albedo depends on it.
         """
         fibers = self.scene.lamp_count
-        phi = np.asarray(phi, dtype=np.float64)
+        phi = as_numbers(phi, "phi", DesignError)
         if phi.ndim == 1:
             phi = np.tile(phi, (fibers, 1))
-        self._check(phi, np.asarray(bends))
+        phi, bends = self._checked(phi, bends)
         if not self._measures:
             raise GraphicsError("only the pyramids have transport: make a preview without imprint")
         each = (self._of(float(bend)) for bend in bends)
@@ -184,8 +199,11 @@ class Preview:
             bends: ``(bend,)`` rad, or the number of one of the scene's states, whose skin moves
                 through the cells.
         """
-        every = np.tile(np.asarray(phi, dtype=np.float64), (self.scene.lamp_count, 1))
-        self._check(every, np.asarray(bends))
+        nodes = as_numbers(phi, "phi", DesignError)
+        if nodes.ndim != 1:
+            raise DesignError(f"phi has shape {nodes.shape}, allowed: (node,)", field="phi")
+        every = np.tile(nodes, (self.scene.lamp_count, 1))
+        every, bends = self._checked(every, bends)
         if self._whole.states is not None and len(bends) > 1:
             raise GraphicsError(
                 f"states of {self._whole.name} have cells of their own: ask for one state at a time"
@@ -300,8 +318,9 @@ class Preview:
 
         x runs to the right and the tip is up; what is not pad is 0.
         """
-        phi, power = np.asarray(phi, dtype=np.float64), np.asarray(power, dtype=np.float64)
-        self._check(phi[:, None], np.array([bend]))
+        phi, power = as_numbers(phi, "phi", DesignError), as_numbers(power, "power", DesignError)
+        self._checked(phi[..., None], [bend])
+        _check_size(width, height)
         channels = len(self.scene.palette.channels)
         if power.shape != (len(phi), channels) or not np.isfinite(power).all():
             raise DesignError(
@@ -324,7 +343,8 @@ class Preview:
 
     def sight(self, bend: float, width: int, height: int, indented: bool = True) -> Sight:
         """Return which places of the skin the pixels of `picture` see, whatever the light."""
-        self._check(np.zeros((self.scene.lamp_count, 1)), np.array([bend]))
+        self._checked(np.zeros((self.scene.lamp_count, 1)), [bend])
+        _check_size(width, height)
         one, bend = self._of(bend)
         return one._view(bend, (width, height), indented).sight
 
@@ -388,24 +408,29 @@ class Preview:
             raise GraphicsError("the preview is closed: make a new one")
         return self._passes
 
-    def _check(self, phi: Array, bends: Array) -> None:
-        fibers = self.scene.lamp_count
-        if phi.ndim != 2 or len(phi) != fibers:
+    def _checked(self, phi: Array, bends: Array | Sequence[float]) -> tuple[Array, Array]:
+        """Return ``phi`` ``(fiber, node)`` and ``bends`` ``(bend,)`` as this scene has them."""
+        fibers, found = self.scene.lamp_count, as_numbers(bends, "bend", DesignError)
+        if phi.ndim != 2 or len(phi) != fibers or not phi.size:
             raise DesignError(
                 f"phi has shape {phi.shape}, allowed: one row for each of {fibers} fibers",
                 field="phi",
             )
+        if found.ndim != 1 or not found.size:
+            raise DesignError(f"bends have shape {found.shape}, allowed: (bend,)", field="bend")
+        angles = found
         if self._whole.states is not None:
-            for state in set(bends.tolist()) - set(self._whole.state_axis):
+            for state in set(found.tolist()) - set(self._whole.state_axis):
                 self._whole.in_state(state)  # says what there is
-            bends = np.zeros(1)
-        for name, values in (("phi", phi), ("bend", bends)):
+            angles = np.zeros(1)
+        for name, values in (("phi", phi), ("bend", angles)):
             bad = ~((values >= 0) & (values <= np.pi))
             if bad.any():
                 raise DesignError(
                     f"{name} = {np.degrees(values[bad].flat[0]):g} deg, allowed: 0 to 180 deg",
                     field=name,
                 )
+        return phi, found
 
     def _radiosity_at(self, bend: float) -> list[Radiosity]:
         """Return the radiosity at a bend for each albedo, made when it is first asked for."""
@@ -436,3 +461,9 @@ class Preview:
             sights[points.sites * faces : points.first_patch][self._counted] = mean[:, -1]
             self._seen_points[bend] = self._open.seen_from(sights)
         return self._seen_points[bend]
+
+
+def _check_size(width: int, height: int) -> None:
+    for name, value in (("width", width), ("height", height)):
+        if as_whole(value, name, GraphicsError, least=1) > MAX_TARGET_SIDE:
+            refuse(value, name, f"1 to {MAX_TARGET_SIDE} pixels", GraphicsError)

@@ -14,10 +14,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 
+from render.arguments import (
+    as_callback,
+    as_folder,
+    as_kind,
+    as_numbers,
+    as_one_of,
+    as_seeds,
+    as_whole,
+)
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
@@ -29,7 +38,7 @@ from render.reference.error_bars import CellErrors, standard_error, with_lone_co
 from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
 from render.reference.shared_lamps import serves_all_lamps, shared_shape
-from render.scene import Scene, scene_content
+from render.scene import Scene, as_scene, scene_content
 
 MIN_CHAINS, MAX_CHAINS = 64, 16384
 MIN_ITERATIONS = 24
@@ -79,7 +88,7 @@ class JobRunner(Protocol):
 
 
 def render_transport(
-    scene: Scene,
+    scene: Scene | str | Path,
     phi: Array,
     bends: Array,
     *,
@@ -89,14 +98,14 @@ def render_transport(
     sampler: Sampler = "monte-carlo",
     per_pass: int | None = None,
     allocation: SampleAllocation = EVERYTHING,
-    checkpoint: Path | None = None,
+    checkpoint: str | Path | None = None,
     runner: JobRunner | None = None,
     progress: OnProgress | None = None,
 ) -> TransportEstimate:
     """Render the transport of all fibers at all bends.
 
     Arguments:
-        scene: the sensor.
+        scene: the sensor, its name or its file.
         phi: direction nodes in rad, ``(node,)`` for all fibers or ``(fiber, node)``.
         bends: ``(bend,)`` rad, within [0, pi], or numbers of the scene's states.
         samples: proposed samples per (fiber, facet) pair and seed, on average.
@@ -114,12 +123,15 @@ def render_transport(
         RenderError: phi or bends out of range, or no light found.
         SceneError: a site that counts is not seen at one of ``bends``.
     """
+    scene, folder = as_scene(scene), as_folder(checkpoint, "checkpoint", RenderError)
+    as_callback(runner, "runner", RenderError)
+    as_callback(progress, "progress", RenderError)
     jobs = transport_jobs(
         scene, phi, bends, samples=samples, seeds=seeds, replicates=replicates, sampler=sampler,
         per_pass=per_pass, allocation=allocation,
     )  # fmt: skip
     clock = Clock(sum(job.samples for job in jobs), progress)
-    results = (runner or local_runner(checkpoint))(jobs, clock)
+    results = (runner or local_runner(folder))(jobs, clock)
     return transport_estimate(scene, jobs, results, samples)
 
 
@@ -176,6 +188,11 @@ def transport_jobs(
         RenderError: phi or bends out of range.
         SceneError: a site that counts is not seen at one of ``bends``.
     """
+    as_whole(replicates, "replicates", RenderError, least=2)
+    as_one_of(sampler, get_args(Sampler), "sampler", RenderError)
+    if per_pass is not None:
+        as_whole(per_pass, "per_pass", RenderError, least=1)
+    as_kind(allocation, SampleAllocation, "allocation", "a SampleAllocation", RenderError)
     phi, bends = _validated(scene, phi, bends, samples, seeds)
     check_seen(scene, bends)
     # One sample serves all facets of a site.
@@ -351,7 +368,9 @@ def _shape(
 def _validated(
     scene: Scene, phi: Array, bends: Array, samples: int, seeds: Sequence[int]
 ) -> tuple[Array, Array]:
-    phi, bends = np.asarray(phi, dtype=np.float64), np.asarray(bends, dtype=np.float64)
+    phi, bends = as_numbers(phi, "phi", RenderError), as_numbers(bends, "bends", RenderError)
+    if bends.ndim != 1:
+        raise RenderError(f"bends has shape {bends.shape}, allowed: (bend,)", field="bends")
     if phi.ndim == 1:
         phi = np.tile(phi, (scene.lamp_count, 1))
     if phi.ndim != 2 or phi.shape[0] != scene.lamp_count or phi.shape[1] == 0:
@@ -367,10 +386,6 @@ def _validated(
         bad = ~((values >= 0.0) & (values <= np.pi))
         if bad.any() or not values.size:
             raise RenderError(f"{name} = {values[bad][:1]} rad, allowed: 0 to pi", field=name)
-    if samples < 1 or not len(seeds) or len(set(seeds)) != len(seeds):
-        raise RenderError(
-            f"samples = {samples} and seeds = {list(seeds)}, allowed: at least 1 sample "
-            "and distinct seeds",
-            field="samples",
-        )
+    as_whole(samples, "samples", RenderError, least=1)
+    as_seeds(seeds, RenderError)
     return phi, bends

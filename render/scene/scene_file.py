@@ -7,11 +7,13 @@ import functools
 import operator
 from collections.abc import Iterator, Mapping
 from importlib import resources
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from render.arguments import refuse
 from render.errors import SceneError
 from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
@@ -22,6 +24,7 @@ from render.scene.schema.edits import edited, path_of
 from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
 from render.scene.states import REST_REFUSED, STATE_NAME
 
+NAME_OR_PATH = "the name of a shipped scene or the path of a TOML file"
 USUAL_INDEX = 1.41
 """Stands in for an index out of range while the rest of a file is looked at."""
 _TEXTS = {
@@ -39,7 +42,8 @@ def load_scene(name_or_path: str | Path) -> Scene:
     Raises:
         SceneError: names every problem at once, each with key, value and allowed range.
     """
-    return scene_from_text(scene_text(name_or_path), str(name_or_path), Path(name_or_path).parent)
+    text = scene_text(name_or_path)  # refuses what is no path
+    return scene_from_text(text, str(name_or_path), Path(name_or_path).parent)
 
 
 def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
@@ -169,6 +173,19 @@ def _mesh_file(raw: dict[str, Any]) -> str | None:
     return file if isinstance(file, str) else None
 
 
+def as_scene(value: Scene | str | Path, name: str = "scene") -> Scene:
+    """Return the scene that is given, or that of a shipped name or a TOML file.
+
+    Raises:
+        SceneError: as `load_scene` does; ``name`` is that of the argument.
+    """
+    if isinstance(value, Scene):
+        return value
+    if not isinstance(value, str | PathLike):
+        refuse(value, name, f"a scene, {NAME_OR_PATH}", SceneError)
+    return load_scene(value)
+
+
 def sources(name_or_path: str | Path) -> dict[str, str]:
     """Return the source of every value of a scene file, keyed like ``pad.width``."""
     raw = _parsed(scene_text(name_or_path), str(name_or_path))
@@ -202,6 +219,8 @@ def scene_text(name_or_path: str | Path) -> str:
     Raises:
         SceneError: there is no such scene, or its file cannot be read.
     """
+    if not isinstance(name_or_path, str | PathLike):
+        refuse(name_or_path, "name_or_path", NAME_OR_PATH, SceneError)
     text_name = str(name_or_path)
     if text_name in shipped_scenes():
         return (resources.files("render") / "scenes" / f"{text_name}.toml").read_text("utf-8")

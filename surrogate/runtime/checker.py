@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from render.arguments import as_kind, as_numbers, as_path, as_whole
 from render.arrays import Array
 from render.errors import ModelError
 from render.transport import Level, TransportTable
@@ -42,6 +43,7 @@ class Checker:
         file: Path | None = None,
     ) -> None:
         """Take an open session; use :meth:`load` or :meth:`for_scene` for files."""
+        as_kind(metadata, ModelMetadata, "metadata", "what a model file says of itself", ModelError)
         self._session = session
         self.metadata = metadata
         nominal = np.array(metadata.material.get("nominal", []), dtype=np.float64)
@@ -66,13 +68,17 @@ class Checker:
         Raises:
             ModelError: missing, altered, corrupt, foreign, or for another scene.
         """
+        if scene_hash is not None:
+            as_kind(scene_hash, str, "scene_hash", "the hash of a scene, a text", ModelError)
         session, metadata, file = _opened(path, threads)
         if scene_hash is not None and metadata.scene_hash != scene_hash:
             raise _foreign(path, metadata, scene_hash)
         return cls(session, metadata, file=file)
 
     @classmethod
-    def for_scene(cls, path: str | Path, scene: Scene, *, threads: int | None = None) -> Checker:
+    def for_scene(
+        cls, path: str | Path, scene: Scene | str | Path, *, threads: int | None = None
+    ) -> Checker:
         """Return the model in ``path``, as :meth:`load`, for ``scene``.
 
         A model with a free material serves every scene that differs in the free quantities alone;
@@ -82,6 +88,9 @@ class Checker:
         Raises:
             ModelError: as :meth:`load`.
         """
+        from render.scene import as_scene
+
+        scene = as_scene(scene)
         session, metadata, file = _opened(path, threads)
         if metadata.scene_hash == scene.hash:
             return cls(session, metadata, file=file)
@@ -93,6 +102,22 @@ class Checker:
         values = scene.diffuser.free_values
         material = np.array([values[name] for name in free["names"]])
         return cls(session, metadata, material, scene.hash, file)
+
+    def __repr__(self) -> str:
+        """Return in one line what answers, and for which scene."""
+        where = "" if self.file is None else f", from {self.file}"
+        about = f"{self.metadata.scene} ({self.scene_hash})"
+        return f"<Checker of {about}: {self.level}, scores ± {self.score_half_width:.3g}{where}>"
+
+    def _repr_html_(self) -> str:
+        """Return the line and the errors on designs that it was not trained on."""
+        from render.notebook import tabled
+
+        held = [
+            (str(row["level"]), f"{float(row['kendall_tau']):.2f}")
+            for row in self.metadata.held_out
+        ]
+        return tabled(repr(self), ("level", "Kendall's tau on held-out designs"), held)
 
     @property
     def level(self) -> Level:
@@ -155,7 +180,8 @@ class Checker:
             ModelError: wrong shape, range or unit.
         """
         fibers, channels = self.metadata.fibers, len(self.metadata.channels)
-        phi, power, bends = (np.asarray(x, dtype=np.float64) for x in (phi, power, bends))
+        given = {"phi": phi, "power": power, "bends": bends}
+        phi, power, bends = (as_numbers(x, name, ModelError) for name, x in given.items())
         if phi.ndim != 2 or phi.shape[1] != fibers or len(phi) == 0:
             raise _shape_error("phi", phi, f"(designs, {fibers})")
         if power.shape != (len(phi), fibers, channels):
@@ -189,8 +215,11 @@ class Checker:
             phi: ascending nodes in [0, pi].
             bends: ``(bend,)`` rad (default: the scene's).
         """
-        phi = np.asarray(phi, dtype=np.float64)
-        bends = np.array(self.metadata.scene_bends) if bends is None else np.asarray(bends)
+        phi = as_numbers(phi, "phi", ModelError)
+        if phi.ndim != 1 or not len(phi):
+            raise _shape_error("phi", phi, "(phi_node,)")
+        given: Any = self.metadata.scene_bends if bends is None else bends
+        bends = as_numbers(given, "bends", ModelError)
         fibers, limit = self.metadata.fibers, self.metadata.metric.count_max
         channels, by_channel = len(self.metadata.channels), self.metadata.by_channel
         at_once = 1 if by_channel else channels
@@ -241,8 +270,11 @@ def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
 
 
 def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata, Path]:
-    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
-    content = read_verified(file, strict=Path(path).is_dir())
+    path = as_path(path, "path", ModelError)
+    if threads is not None:
+        as_whole(threads, "threads", ModelError, least=1)
+    file = path / MODEL_FILE if path.is_dir() else path
+    content = read_verified(file, strict=path.is_dir())
     session = open_session(content, file, threads)
     return session, read_props(session.get_modelmeta().custom_metadata_map, str(file)), file
 

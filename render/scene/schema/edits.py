@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from render.arguments import refuse
 from render.errors import SceneError
 from render.scene.lamp_profile import Profile
-from render.scene.quantities import Part, quantities_of
+from render.scene.quantities import quantities_of
 from render.scene.schema.newer_keys import Place, keys_at, part_at
 
 SOURCE = "changed in Python"
@@ -112,17 +113,14 @@ def _index(entries: list[Any], place: Place) -> int:
 
 def _written(place: Place, value: Any) -> Any:
     """Return a value for a ``place`` as its file has it: a plain number with unit and source."""
-    if isinstance(value, Part):
-        raise SceneError(
-            f"{_key(place)} = a {type(value).__name__}, allowed: values as the file has them",
-            field=_key(place),
-        )
-    if isinstance(value, Mapping):
-        inside = {name: _written((*place, name), part) for name, part in value.items()}
-        return {name: part for name, part in inside.items() if part is not None}
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     value = str(value) if isinstance(value, PurePath) else value
+    if not isinstance(value, str | bool | int | float | list | tuple | Mapping | None):
+        refuse(value, _key(place), "values as the file has them", SceneError)
+    if isinstance(value, Mapping):
+        inside = {name: _written((*place, name), part) for name, part in value.items()}
+        return {name: part for name, part in inside.items() if part is not None}
     part, name = part_at(place[:-1]), place[-1]
     quantity = next(quantities_of(part, str(name)), None) if part is not None else None
     if isinstance(value, list | tuple):

@@ -10,11 +10,13 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from render.arguments import as_kind
 from render.errors import SceneError
 from render.scene.camera import Camera
 from render.scene.colors import (
@@ -104,6 +106,16 @@ class Scene(Part):
     tolerances: Tolerances | None = None
     free: FreeRanges | None = None
     _written: Written | None = None
+
+    def __init__(self, *given: object, **content: object) -> None:
+        """Say how scenes are made: what a file holds is read by `load_scene` alone."""
+        keys = ", ".join(content)
+        raise SceneError(
+            f"Scene({keys}) makes none, allowed: load_scene(name_or_path), and with_ of a scene",
+            field=keys,
+        )
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # files are read past it
 
     def with_(self, **changes: Any) -> Scene:
         """Return the scene that its file describes after an edit, validated as a file is.
@@ -218,6 +230,7 @@ class Scene(Part):
         Raises:
             SceneError: there is no such state.
         """
+        as_kind(number, Real, "number", "the number of a state", SceneError)
         if self.states is None or number not in self.state_axis:
             raise SceneError(
                 f"state {number:g} of {self.name}, allowed: a number of its states "

@@ -117,5 +117,5 @@ def test_directions_and_bends_out_of_range_are_named(
 def test_settings_that_give_no_independent_runs_are_refused(
     scene: Scene, bad: dict[str, Any]
 ) -> None:
-    with pytest.raises(RenderError, match="distinct seeds"):
+    with pytest.raises(RenderError, match=r"distinct seeds|samples = 0, allowed: .* at least 1"):
         render_transport(scene, PHI, BENDS, **{**TINY, **bad})
