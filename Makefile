@@ -46,8 +46,7 @@ validation: $(FULL) ## Slow tests; other renderers, closed forms and slow exact 
 	$(MAKE) slow
 	$(MAKE) --jobs 2 --output-sync $(VALIDATIONS)
 
-# A process each: Dr.Jit 1.5 can stop with "invalid redefinition of function" where many scenes
-# have come and gone in one.
+# A process each, so that one can be run by its name.
 $(VALIDATIONS): export OMP_NUM_THREADS = 1
 $(VALIDATIONS): $(FULL)
 	$(BIN)/python -m pytest tests/validation/$@.py

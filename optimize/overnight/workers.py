@@ -7,7 +7,6 @@ directory, so that a worker that was given up as lost cannot disturb it later.
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -57,8 +56,6 @@ class LocalWorker:
         """Yield the results in order."""
         for index, job in enumerate(jobs):
             result = run_job(job, state(job), tick)
-            # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
-            gc.collect()
             yield FinishedJob(index, result, "here")
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from render import errors
 from render.errors import RenderError, TactiluxError
+from render.steady_registry import steady_registry
 
 _registered: set[str] = set()
 
@@ -56,7 +57,8 @@ def _pass_errors_on(mi: Any) -> None:
     @functools.wraps(plain)
     def render(*arguments: Any, **named: Any) -> Any:
         try:
-            return plain(*arguments, **named)
+            with steady_registry():
+                return plain(*arguments, **named)
         except RuntimeError as error:
             if isinstance(error.__cause__, RenderError):
                 raise error.__cause__ from None

@@ -34,6 +34,7 @@ from render.integrators.subpaths import PathLimits
 from render.integrators.vertex_cache import SHARED_PATHS
 from render.sampling.monte_carlo import monte_carlo_replicates
 from render.sampling.pssmlt import ChainSettings
+from render.steady_registry import steady_registry
 
 REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 
@@ -58,6 +59,7 @@ class Bidirectional(mi.SamplingIntegrator):
         """Return independent images ``(replicate, pixel, channel)``."""
         raise NotImplementedError
 
+    @steady_registry()
     def render(
         self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True,
         evaluate: bool = True,

@@ -11,7 +11,6 @@ the same passes gives the same bits, in one go or in many rounds.
 
 from __future__ import annotations
 
-import gc
 import math
 import statistics
 import time
@@ -246,8 +245,6 @@ class _Rounds:
             took.append(self.budget.clock() - began)
             if overtime is None:
                 self._warn(took)
-            # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
-            gc.collect()
         return results
 
     def _warn(self, took: Sequence[float]) -> None:

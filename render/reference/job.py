@@ -27,6 +27,7 @@ from render.geometry import counted_sites, facet_masks, in_state
 from render.reference.llvm import VARIANT, mitsuba
 from render.reference.shared_lamps import STRATA, serves_all_lamps
 from render.scene import Scene, scene_content, scene_of
+from render.steady_registry import steady_registry
 
 if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
@@ -222,6 +223,7 @@ def _target_pixels(scene: Scene, bend: float, indented: bool) -> tuple[np.ndarra
     return np.concatenate(lists), offset
 
 
+@steady_registry()
 def pad_cells(
     scene: Scene,
     phi: Array,

@@ -31,6 +31,7 @@ from render.progress import Clock, OnProgress, in_stage
 from render.reference.budget import TimeBudget
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene
+from render.steady_registry import steady_registry
 
 LANES = 16384
 REPLICATES = 8
@@ -119,7 +120,8 @@ def render_image(
     from render.sampling.monte_carlo import MonteCarlo
 
     pyramids = indented and imprint is None
-    sampler = PictureSampler(scene, phi, power, bend, pyramids, width, height)
+    with steady_registry():
+        sampler = PictureSampler(scene, phi, power, bend, pyramids, width, height)
     if imprint is None:
         coating = pad_meshes(scene, bend, pyramids).coating
     else:

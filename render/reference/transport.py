@@ -8,7 +8,6 @@ cheapest, and the default.
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
 from collections.abc import Sequence
@@ -142,8 +141,6 @@ def local_runner(checkpoint: Path | None = None) -> JobRunner:
         results = []
         for job in jobs:
             results.append(_run(job, checkpoint, clock))
-            # Dr.Jit 1.5 can stop with "invalid redefinition of function" while dead scenes linger.
-            gc.collect()
         return results
 
     return run

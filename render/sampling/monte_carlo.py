@@ -14,6 +14,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.sampling.proposals import LIGHT_SALT, CellSplat, PathSampler, Splat
 from render.sampling.streams import ROUNDS, HashedStream, key
+from render.steady_registry import steady_registry
 
 
 class MonteCarlo:
@@ -28,6 +29,7 @@ class MonteCarlo:
         self.sums = np.zeros((replicates, sampler.bins, sampler.channels))
         self.highest = np.zeros((sampler.bins, sampler.channels))
 
+    @steady_registry()
     def sample(self, count: int) -> None:
         """Take ``count`` samples in every lane.
 

@@ -17,6 +17,7 @@ from render.errors import RenderError
 from render.sampling.monte_carlo import add_splat, independent_paths
 from render.sampling.proposals import MutatedStream, Mutation, PathSampler, Splat
 from render.sampling.streams import ROUNDS, key, uniform
+from render.steady_registry import steady_registry
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class MarkovChains:
 
     # -- start ---------------------------------------------------------------------------------
 
+    @steady_registry()
     def pilot(self) -> Array:
         """Return a plain Monte Carlo estimate ``(bin, channel)`` from half the bootstrap."""
         total = np.zeros_like(self.sums)
@@ -82,6 +84,7 @@ class MarkovChains:
                 add_splat(total, self.group, splat)
         return np.asarray(total.sum(axis=0) / (self._batches() * self.settings.chains))
 
+    @steady_registry()
     def bootstrap(self, weights: Array, samples: int | None = None) -> None:
         """Fix the target's weights ``(bin, channel)``, estimate ``b`` and start the chains.
 
@@ -146,6 +149,7 @@ class MarkovChains:
 
     # -- mutations -----------------------------------------------------------------------------
 
+    @steady_registry()
     def sample(self, count: int) -> None:
         """Propose ``count`` mutations in every chain; ``b`` is brought up to date once."""
         b = mi.Float((self.moments[:, 1] / self.moments[:, 0]).astype(np.float32))
