@@ -12,6 +12,9 @@ vertex one of these is drawn by its target weight and stands for all
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
@@ -38,7 +41,7 @@ from render.paths.connect import connect_vertices
 from render.paths.mirrors import mirror_ratio
 from render.paths.vertex import for_camera_passes
 from render.sampling.reservoirs import OneNumberReservoir, Reservoir
-from render.sampling.streams import Stream
+from render.sampling.streams import Numbers, Stream
 
 PROXY_COUNT = 16
 """Light vertices whose proxy weights are compared for one target weight."""
@@ -101,8 +104,7 @@ def connect_subpaths(
             number += 1
         # --------------- Target weights: one of those, for each end -------------------
         numbers = stream.event(4 * EVENT_BLOCK + number)
-        for i in range(len(ends)):
-            drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
+        drawn = _resampled(boxes, cache, few, ends, drawn, numbers)
         if mirrors is not None:
             index = few_mirrored.item
             represented = few_mirrored.contribution_weight() * dr.gather(
@@ -140,13 +142,16 @@ def connect_subpaths(
         numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
         for i in range(NEIGHBOR_ENDS):
             few[i].item = neighbors.index(few[i].item)
-            drawn[i] = _resampled(boxes, cache, few[i], ends[i], drawn[i], numbers[i])
+        drawn = _resampled(boxes, cache, few, ends, drawn, numbers)
     # ------------------------------ Connect what was drawn ---------------------------
     total = mi.Spectrum(0.0)
-    for end, reservoir in zip(ends, drawn, strict=True):
+    i = mi.UInt32(0)
+    while i < len(ends):
+        reservoir = _at(i, drawn)
         weight = reservoir.contribution_weight(reservoir.item.represented)
         light = cache.vertex(reservoir.item.index, weight > 0)
-        total += _connect(scene, mirrors, light, end, weight > 0) * weight
+        total += _connect(scene, mirrors, light, _at(i, ends), weight > 0) * weight
+        i += 1
     if mirrors is not None:
         chosen = mirrored.item
         weight = mirrored.contribution_weight(chosen.represented)
@@ -159,16 +164,35 @@ def connect_subpaths(
     return total / mi.Float(paths)
 
 
+def _at(i: mi.UInt32, items: Sequence[Any]) -> Any:
+    """Return the ``i``-th of a few items (Dr.Jit PyTrees), another one in each lane."""
+    chosen = items[0]
+    for k in range(1, len(items)):
+        chosen = dr.select(i == k, items[k], chosen)
+    return chosen
+
+
+@dr.syntax
 def _resampled(
-    boxes: MediumBoxes, cache: LightVertexCache, few: OneNumberReservoir, end: CameraVertex,
-    drawn: Reservoir, number: mi.Float,
-) -> Reservoir:  # fmt: skip
-    """Return ``drawn``, updated by the light vertex of ``few`` and its target weight."""
-    represented = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.item)
-    y = for_camera_passes(cache.vertex(few.item, represented > 0).vertex, end.passes)
-    weight = represented * target_weight(boxes, y, end.vertex, represented > 0)
-    candidate = LightCandidate(few.item, represented, mi.UInt32(0), mi.Float(0.0))
-    return drawn.update(candidate, weight, number)
+    boxes: MediumBoxes, cache: LightVertexCache, few: list[OneNumberReservoir],
+    ends: list[CameraVertex], drawn: list[Reservoir], numbers: Numbers,
+) -> list[Reservoir]:  # fmt: skip
+    """Return ``drawn``, each updated by the light vertex of ``few`` and its target weight.
+
+    A loop, not one copy of the code for each end, which would take LLVM as many times as long.
+    """
+    i = mi.UInt32(0)
+    while i < len(few):
+        item, end = _at(i, few), _at(i, ends)
+        represented = item.contribution_weight() * dr.gather(mi.Float, cache.represented, item.item)
+        y = for_camera_passes(cache.vertex(item.item, represented > 0).vertex, end.passes)
+        weight = represented * target_weight(boxes, y, end.vertex, represented > 0)
+        candidate = LightCandidate(item.item, represented, mi.UInt32(0), mi.Float(0.0))
+        updated = _at(i, drawn).update(candidate, weight, _at(i, numbers))
+        for k in range(len(few)):
+            drawn[k] = dr.select(i == k, updated, drawn[k])
+        i += 1
+    return drawn
 
 
 def _connect(

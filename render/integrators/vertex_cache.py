@@ -103,12 +103,12 @@ class MortonNeighbors:
     def __init__(self, proxies: LightProxies, groups: LaneGroups, p: mi.Point3f) -> None:
         """Order the vertices ``proxies`` and find the places of the points ``p``."""
         lanes = dr.width(groups.lane)
-        lit = proxies.power > 0
-        there = np.array(lit)
+        # With NumPy: each small kernel would take LLVM longer than the work in it.
+        there = np.array(proxies.power) > 0
         number = np.arange(len(there), dtype=np.uint64)
         group = number % np.uint64(lanes) % np.uint64(groups.count)
-        low = np.array([dr.min(dr.select(lit, c, dr.inf))[0] for c in proxies.p])
-        high = np.array([dr.max(dr.select(lit, c, -dr.inf))[0] for c in proxies.p])
+        points = np.stack([np.array(c)[there] for c in proxies.p])
+        low, high = points.min(axis=1, initial=np.inf), points.max(axis=1, initial=-np.inf)
         size = (high - low).max()
         self.low = mi.Point3f(low if there.any() else 0.0)
         self.scale = mi.Float((1 << MORTON_BITS) / size if size > 0 else 1.0)
