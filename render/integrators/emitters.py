@@ -85,8 +85,8 @@ class LightSample:
 class Emission:
     """All emitters of one Mitsuba scene."""
 
-    def __init__(self, scene: mi.Scene) -> None:
-        """Classify the emitters.
+    def __init__(self, scene: mi.Scene, around: mi.Sensor | None = None) -> None:
+        """Classify the emitters; light may also be in the medium ``around`` a camera.
 
         Raises:
             RenderError: for a scene without emitters or with one that is not supported.
@@ -108,6 +108,7 @@ class Emission:
             if kind == MEASURED:
                 tables.append(emitter.step_sums)
         self.count = len(emitters)
+        self.media = any(_has_medium(part) for part in (*scene.shapes(), *emitters, around))
         self.kinds = frozenset(kinds)
         # Places on these are not drawn evenly.
         self.textured = {
@@ -386,6 +387,13 @@ class Emission:
             delta=self._is(index, DIRECTIONAL),
         )  # fmt: skip
         return dr.select(parallel, afar, sample)
+
+
+def _has_medium(part: mi.Shape | mi.Endpoint | None) -> bool:
+    """Return whether light may be in a medium at a shape, an emitter or a camera."""
+    if isinstance(part, mi.Shape):
+        return part.interior_medium() is not None or part.exterior_medium() is not None
+    return part is not None and part.get_medium() is not None
 
 
 def shape_corners(shape: mi.Shape) -> Array:

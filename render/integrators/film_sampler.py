@@ -47,7 +47,7 @@ class FilmSampler:
         refuse_unsupported(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.groups: LaneGroups | None = None
-        self.emission = Emission(scene)
+        self.emission = Emission(scene, sensor)
         self.mirrors = MirrorSet.of(scene)
         self.boxes = MediumBoxes(scene, sensor)
         self.width, self.height = (int(n) for n in sensor.film().crop_size())

@@ -42,7 +42,13 @@ from render.paths.vertex import (
     passes_behind,
     scattering_value,
 )
-from render.paths.walk import PassableState, begin_subpath, sample_scattering, trace_segment
+from render.paths.walk import (
+    PassableState,
+    begin_subpath,
+    in_vacuum,
+    sample_scattering,
+    trace_segment,
+)
 from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Stream
 
@@ -159,6 +165,8 @@ def trace_camera_subpath(
     event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
     active = dr.full(mi.Bool, True, dr.width(ray.o))  # lanes under way
     while active:
+        if not emission.media:
+            state = in_vacuum(state)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         # ---------------------------- Emitters that are met ---------------------------
         # Light subpaths of one vertex are not connected to the camera: nothing competes with the
@@ -268,6 +276,8 @@ def trace_light_subpath(
     projected = Reservoir.holding(LightVertex.none())  # for the camera
     active = dr.max(start.beta) > 0  # lanes under way
     while active:
+        if not emission.media:
+            state = in_vacuum(state)
         state, found, arrived, escaped = trace_segment(scene, state, active)
         v = cast(PassableVertex, found)
         # Light from afar has no distance.

@@ -117,6 +117,14 @@ def begin_subpath(
     )  # fmt: skip
 
 
+def in_vacuum(state: SubpathState) -> SubpathState:
+    """Return ``state`` in a scene without media, known when kernels are compiled."""
+    state.medium, state.from_volume = dr.zeros(mi.MediumPtr), mi.Bool(False)
+    state.tau, state.channel = mi.Float(0.0), mi.UInt32(0)
+    state.depth, state.sigma_from = mi.Spectrum(0.0), mi.Spectrum(0.0)
+    return state
+
+
 def intersect(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInteraction3f:
     """Return the nearest surface with what BSDFs need: anisotropic ones follow its parameters."""
     needed = mi.RayFlags.UV | mi.RayFlags.dPdUV | mi.RayFlags.ShadingFrame
@@ -138,7 +146,7 @@ def trace_segment(
     free = dr.select(driving > 0, state.tau / driving, dr.inf)
     # Rays that end with the free path are much cheaper to cast than unbounded ones.
     si = intersect(scene, mi.Ray3f(mi.Ray3f(state.o, state.d), free), active)
-    volume = active & (free < si.t)
+    volume = active & (driving > 0) & (free < si.t)
     escaped = active & ~volume & ~si.is_valid()
     t = dr.select(volume, free, si.t)
     moved = active & ~escaped
