@@ -1,15 +1,19 @@
 """Files that appear complete under their name, and arrays read without ever unpickling.
 
-The only place where results, plans, checkpoints and caches are written.
+The only place where results, plans, checkpoints and caches are written. What the program reads
+again is sealed: archives and JSON end with the SHA-256 of all that is before, so that no bit that
+a disk has turned is read. Files without a seal are of an earlier version, or of other programs.
 """
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import re
 import stat
+import struct
 import sys
 import tempfile
 import tomllib
@@ -18,6 +22,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -25,8 +30,18 @@ import numpy as np
 
 from render.errors import ReadError, TableError
 
-TEMPORARY = re.compile(r"\..+\.[0-9a-f]{32}")
-"""Names of files and folders that are not finished; a killed process leaves them behind."""
+TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{32}(-journal|-wal|-shm)?")
+"""Names of files and folders that are not finished; a killed process leaves them behind.
+
+They begin with what is to become of them, and databases have files beside them.
+"""
+LARGEST = 1 << 30
+"""Bytes of a file that is read as a whole, at most."""
+SEAL = re.compile(rb'"seal": "([0-9a-f]{64})"\}\s*\Z')
+SEALED = re.compile(rb'"seal"|[0-9a-f]{64}"\}\s*\Z')
+"""What shows of a seal at the end of a JSON file, whichever of its bits is turned."""
+SEAL_OF_ARCHIVE = b"sha256 "
+"""Begin of an archive's seal; its length shows too where one bit of it is turned."""
 SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 """Of handles and memory, which other programs take."""
 DAMAGE = (
@@ -71,14 +86,26 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, content: Mapping[str, Any], indent: int | None = None) -> None:
-    """Write ``content`` as JSON, without NaN, to ``path``, as `replacing` does."""
-    write_text(path, json.dumps(content, indent=indent, allow_nan=False) + "\n")
+    """Write ``content`` as sealed JSON, without NaN, to ``path``, as `replacing` does."""
+    text = json.dumps(content, indent=indent, allow_nan=False)
+    text = text.removesuffix("}").rstrip() + (", " if content else "")
+    seal = hashlib.sha256(text.encode()).hexdigest()
+    write_text(path, f'{text}"seal": "{seal}"}}\n')
+
+
+def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """Return ``arrays`` as a sealed ``.npz`` archive; the same arrays make the same bytes."""
+    buffer = BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    content = buffer.getvalue()
+    # The seal is the archive's comment, whose length its last two bytes say.
+    content = content[:-2] + struct.pack("<H", len(SEAL_OF_ARCHIVE) + 64)
+    return content + SEAL_OF_ARCHIVE + hashlib.sha256(content).hexdigest().encode()
 
 
 def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write ``arrays`` to ``path``, as `replacing` does; the same arrays make the same bytes."""
-    with replacing(path) as stream:
-        np.savez(stream, **arrays)  # type: ignore[arg-type]
+    """Write `npz_bytes` of ``arrays`` to ``path``, as `replacing` does."""
+    write_bytes(path, npz_bytes(arrays))
 
 
 def can_create(path: Path) -> bool:
@@ -92,25 +119,6 @@ def can_create(path: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def replace_folder(fresh: Path, target: Path) -> Path | None:
-    """Put the folder ``fresh``, which lies beside it, in the place of ``target``.
-
-    Return where an earlier ``target`` lies now, None without one; when an error comes between, it
-    is back in its place.
-    """
-    old = temporary_name(target) if target.exists() else None
-    if old is not None:
-        os.rename(target, old)
-    try:
-        os.rename(fresh, target)
-    except OSError:
-        if old is not None:
-            os.rename(old, target)
-        raise
-    sync_folder(target.parent)
-    return old
 
 
 def temporary_name(path: Path) -> Path:
@@ -127,24 +135,31 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a file that somebody named.
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+    """Return the content of a file that somebody named, of ``most`` bytes.
 
     Raises:
-        OSError: it cannot be read, or is a device, of which there may be no end.
+        OSError: it cannot be read, is larger, or is no file; see `refuse_endless`.
     """
-    refuse_device(path)
+    refuse_endless(path, most)
     return path.read_bytes()
 
 
-def refuse_device(path: Path) -> None:
-    """Raise the OSError of a device: some never end, and would be read until memory is full.
+def refuse_endless(path: Path, most: int = LARGEST) -> None:
+    """Raise the OSError of what may never end, or be larger than memory.
 
-    Pipes pass, as shells make them for ``tactilux describe <(...)``.
+    Pipes that shells make pass, as for ``tactilux describe <(...)``: they are in ``/dev``. One that
+    lies in a folder waits for ever for somebody to write to it.
     """
-    mode = os.stat(path).st_mode
-    if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
+    about = os.stat(path)
+    if stat.S_ISCHR(about.st_mode) or stat.S_ISBLK(about.st_mode):
         raise OSError(errno.EINVAL, "it is a device, no file", str(path))
+    if stat.S_ISFIFO(about.st_mode) and path.parts[:2] not in (("/", "dev"), ("/", "proc")):
+        raise OSError(errno.EINVAL, "it is a pipe, no file", str(path))
+    if stat.S_ISREG(about.st_mode) and about.st_size > most:
+        raise OSError(
+            errno.EFBIG, f"it has {about.st_size:,} bytes, allowed: up to {most:,}", str(path)
+        )
 
 
 def read_text(path: Path) -> str:
@@ -207,10 +222,30 @@ def _told_in_words() -> Iterator[None]:
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in ``path``; nothing when there is none or it is damaged."""
     try:
-        content = parse_json(read_bytes(path).decode("utf-8"))
+        return read_sealed(path)
     except (OSError, ValueError):
         return {}
-    return content if isinstance(content, dict) else {}
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """Return the object that `write_json` wrote to ``path``, without its seal.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: what is wrong with it; one without a seal is of an earlier version, and whole.
+    """
+    text = read_bytes(path)
+    seal = SEAL.search(text)
+    if seal is None:
+        if SEALED.search(text[-200:]):
+            raise ValueError("its seal is damaged")
+    elif hashlib.sha256(text[: seal.start()]).hexdigest().encode() != seal[1]:
+        raise ValueError("it is not as it was written")
+    content = parse_json(text.decode("utf-8"))
+    if not isinstance(content, dict):
+        raise ValueError("it holds no object")
+    content.pop("seal", None)
+    return content
 
 
 def read_npz(path: Path) -> dict[str, np.ndarray]:
@@ -222,10 +257,13 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
             it.
     """
     try:
-        refuse_device(path)
+        refuse_endless(path)
         # Opened as a zip first: numpy would take other files for a pickle or a single array.
         with zipfile.ZipFile(path) as archive:
             foreign = [name for name in archive.namelist() if not name.endswith(".npy")]
+            seal = archive.comment
+        if seal and seal != _seal_of(path, len(seal)):
+            raise TableError(f"{path} is damaged: it is not as it was written", field="table")
         if foreign:
             raise TableError(f"{path} holds more than arrays: {foreign[0]!r}", field="table")
         with np.load(path, allow_pickle=False) as stored:
@@ -245,6 +283,16 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
     except DAMAGE:
         why = DAMAGED
     raise TableError(f"{path} is not a readable .npz file: {why}", field="table")
+
+
+def _seal_of(path: Path, end: int) -> bytes:
+    """Return the SHA-256 of a file without its last ``end`` bytes, as text."""
+    digest, left = hashlib.sha256(), path.stat().st_size - end
+    with path.open("rb") as stream:
+        while left > 0 and (part := stream.read(min(left, 1 << 20))):
+            digest.update(part)
+            left -= len(part)
+    return SEAL_OF_ARCHIVE + digest.hexdigest().encode()
 
 
 def _unread(path: Path, error: OSError | MemoryError) -> ReadError:

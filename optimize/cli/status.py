@@ -58,9 +58,10 @@ def run(
             stream.write(f"Stage: {found.stage}, {100 * found.share:.0f} %\n")
         if found.best is not None:
             low, high = found.best["interval"]
+            level = LEVEL_NAMES.get(found.best["level"], found.best["level"])
             stream.write(
                 f"Best so far: {found.best['score']:.2f} ({low:.2f} to {high:.2f}), level "
-                f"{LEVEL_NAMES[found.best['level']]}: {found.best['design']}\n"
+                f"{level}: {found.best['design']}\n"
             )
         stream.write(
             f"Renders: {found.evaluations} in {duration(found.render_seconds)} of rendering\n"

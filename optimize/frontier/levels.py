@@ -16,7 +16,7 @@ from optimize.design import Array
 from optimize.frontier.held_out import FrontierRow, HeldOutReference, Interval
 from optimize.frontier.predictors import SHIPPED, TABLE, Predictor
 from render.chebyshev import interpolation_weights
-from render.files import write_bytes
+from render.files import read_sealed, write_json
 from render.metric import clip_counts, image_counts
 from render.progress import OnProgress, Progress
 from render.reference import Sampler
@@ -156,10 +156,10 @@ def _kept(
     """Return the rows that ``folder`` keeps for this reference and ``key``, or make them."""
     digest = hashlib.sha256(f"{key} {reference.settings} {_hash(reference.counts)}".encode())
     path, kept = folder / f"rows-{digest.hexdigest()[:16]}.json", TypeAdapter(list[FrontierRow])
-    with suppress(OSError, ValueError):  # none yet, or damaged: then they are made
-        return kept.validate_json(path.read_bytes())
+    with suppress(OSError, ValueError, KeyError):  # none yet, or damaged: then they are made
+        return kept.validate_python(read_sealed(path)["rows"])
     rows = make()
-    write_bytes(path, kept.dump_json(rows))
+    write_json(path, {"rows": kept.dump_python(rows, mode="json")})
     return rows
 
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
 from optimize.frontier.frontier import Frontier
 from optimize.frontier.held_out import FrontierRow
 from render.errors import SceneError, TactiluxError
-from render.files import write_json
+from render.files import read_sealed, write_json
 from render.scene import Scene, load_scene
 
 KEPT = "frontier.json"
@@ -199,8 +199,8 @@ def survey(
 
 def _kept(path: Path, wanted: dict[str, Any]) -> SceneFrontier | None:
     try:
-        kept = TypeAdapter(SceneFrontier).validate_json(path.read_bytes())
-    except (OSError, ValidationError):  # none yet, or damaged: then it is made
+        kept = TypeAdapter(SceneFrontier).validate_python(read_sealed(path))
+    except (OSError, ValueError):  # none yet, or damaged: then it is made
         return None
     return kept if kept.asked == wanted else None
 

@@ -9,8 +9,11 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
+from optimize.overnight.rows import connect
 from optimize.ui.output import check_target
 from render.errors import TactiluxError
+from render.files import refuse_endless
+from render.folders import foreign_names
 
 RECORD, LOCK, LOG, REPORT = "run.sqlite", "lock", "log.txt", "report.html"
 """The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
@@ -29,7 +32,7 @@ def check_run_directory(run: Path) -> None:
         OutputError: it is a file, or holds files but no record of a run.
     """
     # A process that ended before it had a record has left no more than these.
-    if run.is_dir() and {item.name for item in run.iterdir()} <= {LOCK, LOG}:
+    if run.is_dir() and foreign_names(run) <= {LOCK, LOG}:
         return
     check_target(run, RECORD)
 
@@ -47,6 +50,8 @@ def writing(run: Path) -> Iterator[None]:
     """
     try:
         yield
+    except UnicodeDecodeError as error:  # in what SQLite says of names in a damaged record
+        raise RunError(_damaged(run, "names in it are no text"), field="out") from error
     except (OSError, sqlite3.DatabaseError) as error:
         sentence = _sentence(run, error)
         if sentence is None:
@@ -55,6 +60,8 @@ def writing(run: Path) -> Iterator[None]:
 
 
 def _sentence(run: Path, error: OSError | sqlite3.DatabaseError) -> str | None:
+    if isinstance(error, OSError) and error.errno == errno.EINVAL and error.filename:
+        return f"{error.filename}: {error.strerror}: take it away, or choose another directory"
     number, name = getattr(error, "errno", None), getattr(error, "sqlite_errorname", "")
     words = " ".join(str(getattr(error, "strerror", None) or error).split())
     gone, of_record = not (run / RECORD).exists(), isinstance(error, sqlite3.DatabaseError)
@@ -74,11 +81,15 @@ def _sentence(run: Path, error: OSError | sqlite3.DatabaseError) -> str | None:
     if number in _CLOSED or closed:
         return f"{run} cannot be written ({words}): choose another place with --out"
     if of_record:
-        return (
-            f"{run / RECORD} is damaged ({words}): restore it from a copy, or start anew in "
-            "another place with --out; nothing was changed"
-        )
+        return _damaged(run, words)
     return None
+
+
+def _damaged(run: Path, why: str) -> str:
+    return (
+        f"{run / RECORD} is damaged ({why}): restore it from a copy, or start anew in another "
+        "place with --out; nothing was changed"
+    )
 
 
 def open_record(run: Path) -> sqlite3.Connection:
@@ -92,12 +103,12 @@ def open_record(run: Path) -> sqlite3.Connection:
             f"{run} holds no run ({RECORD}): name the directory given to tactilux overnight --out",
             field="run",
         )
-    path = (run / RECORD).absolute().as_uri()
+    db = connect(run / RECORD, how="mode=ro")
     try:
-        db = sqlite3.connect(f"{path}?mode=ro", uri=True)
         db.execute("SELECT 1 FROM sqlite_master").fetchone()
     except sqlite3.OperationalError:
-        db = sqlite3.connect(f"{path}?mode=ro&immutable=1", uri=True)
+        db.close()
+        db = connect(run / RECORD, how="mode=ro&immutable=1")
     return db
 
 
@@ -108,6 +119,8 @@ def locked(run: Path) -> Iterator[None]:
     Raises:
         RunError: names the process that holds it.
     """
+    if (run / LOCK).exists():
+        refuse_endless(run / LOCK)
     with (run / LOCK).open("a", encoding="utf-8") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -129,6 +142,7 @@ def locked(run: Path) -> Iterator[None]:
 def holder(run: Path) -> str | None:
     """Say who works in ``run``; None when nobody does. Nothing is written."""
     try:
+        refuse_endless(run / LOCK)
         stream = (run / LOCK).open(encoding="utf-8")
     except OSError:
         return None

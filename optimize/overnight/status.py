@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import json
+import sqlite3
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
 from optimize.overnight.run_directory import holder, open_record, writing
 from optimize.overnight.store import check_request
@@ -57,14 +60,15 @@ def status_of(run: Path) -> RunStatus:
         seconds, attempts = db.execute("SELECT TOTAL(seconds), COUNT(*) FROM attempts").fetchone()
         last = db.execute("SELECT ended FROM attempts ORDER BY id DESC").fetchone()
         row = db.execute("SELECT stage, done, total, eta, best FROM progress").fetchone()
-    stage, done, total, eta, best = row or ("", 0.0, 1.0, None, None)
+        best_so_far = None if row is None or row[4] is None else _best(row[4])
+    stage, done, total, eta, _ = row or ("", 0.0, 1.0, None, None)
     ends = {"": "lost", "error": "failed", "finished": "finished"}
     ended = ends.get(last[0] if last else "stopped", "stopped")
     return RunStatus(
         state="running" if working else ended,
         stage=stage,
         share=done / total if total else 0.0,
-        best=None if best is None else json.loads(best),
+        best=best_so_far,
         evaluations=evaluations,
         render_seconds=render_seconds,
         seconds=seconds,
@@ -72,6 +76,22 @@ def status_of(run: Path) -> RunStatus:
         eta_seconds=eta if working else None,
         holder=working,
     )
+
+
+class _Best(TypedDict):
+    """The best design so far, see `RunStatus`."""
+
+    level: str
+    score: float
+    interval: tuple[float, float]
+    design: str
+
+
+def _best(text: str) -> dict[str, Any]:
+    try:
+        return dict(TypeAdapter(_Best).validate_json(text))
+    except ValidationError:
+        raise sqlite3.DatabaseError("its best design cannot be read") from None
 
 
 def scaling_of(run: Path) -> dict[int, float]:

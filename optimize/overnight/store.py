@@ -9,6 +9,8 @@
 - ``attempts``: processes and the seconds each has worked, by monotonic clocks;
 - ``progress``: one row for ``tactilux status``.
 
+Every row ends with its seal, the SHA-256 of what is before, and all are checked on opening.
+
 ``renders/<key>.npz`` are written beside their place, synced and renamed, then logged. Times of day
 are there for people; nothing is decided by them.
 """
@@ -32,35 +34,20 @@ from typing import Any
 
 import numpy as np
 
-from optimize.overnight.run_directory import RECORD, RunError
+from optimize.overnight.rows import TABLES, check_kinds, check_rows, connect, write_row
+from optimize.overnight.run_directory import MODEL, RECORD, RunError
 from optimize.ui.provenance import program_version
-from render.files import TEMPORARY, sync_folder, temporary_name, write_bytes
+from render.files import npz_bytes, parse_json, sync_folder, temporary_name, write_bytes
+from render.folders import leftovers, put_back, remove_folder
 from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
+from surrogate.runtime.model_file import SUM_FILE
 
-SCHEMA = 5
+SCHEMA = 6
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""
-_TABLES = """
-CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL);
-CREATE TABLE evaluations (
-    id INTEGER PRIMARY KEY, key TEXT NOT NULL, kind TEXT NOT NULL, level TEXT NOT NULL,
-    seed INTEGER NOT NULL, spec TEXT NOT NULL, seconds REAL NOT NULL, sha256 TEXT NOT NULL,
-    worker TEXT NOT NULL, time TEXT NOT NULL);
-CREATE INDEX evaluation_key ON evaluations (key);
-CREATE TABLE decisions (
-    id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE, value TEXT NOT NULL, time TEXT NOT NULL);
-CREATE TABLE attempts (
-    id INTEGER PRIMARY KEY, pid INTEGER NOT NULL, host TEXT NOT NULL, started TEXT NOT NULL,
-    seconds REAL NOT NULL, ended TEXT NOT NULL);
-CREATE TABLE progress (
-    id INTEGER PRIMARY KEY CHECK (id = 1), stage TEXT NOT NULL, done REAL NOT NULL,
-    total REAL NOT NULL, eta REAL, best TEXT);
-"""
-
-
 Request = dict[str, str | int | None]
 """What a run directory is for, in words; for anything else asked for, another is needed."""
 
@@ -80,11 +67,8 @@ class Store:
         if not (run / RECORD).exists():
             _create(run, request)
         # Autocommit: every statement is a transaction unless one is begun.
-        self._db = sqlite3.connect(run / RECORD, isolation_level=None)
+        self._db = connect(run / RECORD)
         try:
-            state = self._db.execute("PRAGMA quick_check(1)").fetchone()[0]
-            if state != "ok":
-                raise sqlite3.DatabaseError(state)
             check_request(run, self._db, request)
             _sweep(run)
             self._db.execute("PRAGMA journal_mode = WAL")
@@ -93,10 +77,10 @@ class Store:
                 (run / name).mkdir(exist_ok=True)
             (before,) = self._db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
             self._before = float(before)
-            self._attempt = self._db.execute(
-                "INSERT INTO attempts (pid, host, started, seconds, ended) VALUES (?, ?, ?, 0, '')",
-                (os.getpid(), socket.gethostname(), _now()),
-            ).lastrowid
+            self._attempt = write_row(
+                self._db, "attempts", pid=os.getpid(), host=socket.gethostname(), started=_now(),
+                seconds=0.0, ended="",
+            )  # fmt: skip
         except BaseException:
             self._db.close()
             raise
@@ -109,8 +93,8 @@ class Store:
             self._db.close()
 
     def _record_attempt(self, ended: str) -> None:
-        words = "UPDATE attempts SET seconds = ?, ended = ? WHERE id = ?"
-        self._db.execute(words, (self.spent() - self._before, ended, self._attempt))
+        spent = self.spent() - self._before
+        write_row(self._db, "attempts", id=self._attempt, seconds=spent, ended=ended)
 
     def spent(self) -> float:
         """Return the seconds that all attempts together have worked."""
@@ -124,10 +108,8 @@ class Store:
 
     def progress(self, stage: str, at: Progress, best: dict[str, Any] | None) -> None:
         """Replace the row that ``tactilux status`` reads."""
-        self._db.execute(
-            "INSERT OR REPLACE INTO progress VALUES (1, ?, ?, ?, ?, ?)",
-            (stage, at.done, at.total, at.eta_seconds, best and json.dumps(best)),
-        )
+        now = {"done": float(at.done), "total": float(at.total), "eta": at.eta_seconds}
+        write_row(self._db, "progress", id=1, stage=stage, **now, best=best and json.dumps(best))
 
     def decided(self, name: str) -> Any:
         """Return the decision of that name, None where there is none yet."""
@@ -140,9 +122,7 @@ class Store:
         if known is not None:
             return known
         text = json.dumps(make(), allow_nan=False, default=_plain)
-        self._db.execute(
-            "INSERT INTO decisions (name, value, time) VALUES (?, ?, ?)", (name, text, _now())
-        )
+        write_row(self._db, "decisions", name=name, value=text, time=_now())
         return json.loads(text)
 
     def state(self, job: RenderJob) -> Path:
@@ -176,19 +156,16 @@ class Store:
 
     def keep(self, job: RenderJob, result: RenderResult, kind: str, worker: str) -> None:
         """Write the render of ``job``, then log it; the same result makes the same bytes."""
-        buffer = BytesIO()
-        np.savez(buffer, estimate=result.estimate, largest=result.largest)
-        content = buffer.getvalue()
+        content = npz_bytes({"estimate": result.estimate, "largest": result.largest})
         # Not made anew: a run directory that was taken away while a night works in it is told.
         os.stat(self.run / RENDERS)
         write_bytes(self.run / RENDERS / f"{job.key}.npz", content)
         spec = json.dumps(asdict(job) | {"scene": scene_of(job.scene).hash})
-        digest = hashlib.sha256(content).hexdigest()
-        self._db.execute(
-            "INSERT INTO evaluations (key, kind, level, seed, spec, seconds, sha256, worker, time)"
-            " VALUES (?, ?, 'reference', ?, ?, ?, ?, ?, ?)",
-            (job.key, kind, job.seed, spec, result.seconds, digest, worker, _now()),
-        )
+        about = {"key": job.key, "kind": kind, "level": "reference", "seed": job.seed, "spec": spec}
+        write_row(
+            self._db, "evaluations", **about, seconds=float(result.seconds),
+            sha256=hashlib.sha256(content).hexdigest(), worker=worker, time=_now(),
+        )  # fmt: skip
         self.state(job).unlink(missing_ok=True)
 
 
@@ -197,10 +174,10 @@ def _create(run: Path, request: Request) -> None:
     temporary = temporary_name(run / RECORD)
     meta = {"schema": SCHEMA, "tactilux": program_version(), "request": request}
     try:
-        with closing(sqlite3.connect(temporary)) as db:
-            db.executescript(_TABLES)
-            rows = [(name, json.dumps(value)) for name, value in meta.items()]
-            db.executemany("INSERT INTO meta VALUES (?, ?)", rows)
+        with closing(connect(temporary)) as db:
+            db.executescript(f"BEGIN; {TABLES}")
+            for name, value in meta.items():
+                write_row(db, "meta", name=name, value=json.dumps(value))
             db.commit()
         os.replace(temporary, run / RECORD)
     except BaseException:
@@ -216,13 +193,16 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
         RunError: says which it is.
     """
     try:
-        rows = dict(db.execute("SELECT name, value FROM meta").fetchall())
+        check_kinds(db)
+        rows = dict(db.execute("SELECT name, value FROM meta LIMIT 99").fetchall())
+        meta = {name: parse_json(value) for name, value in rows.items()}
     except sqlite3.OperationalError:
         raise RunError(
             f"{run / RECORD} is not the record of a run: choose another directory with --out",
             field="out",
         ) from None
-    meta = {name: json.loads(value) for name, value in rows.items()}
+    except (ValueError, TypeError):  # of no JSON, and of what is no text
+        raise sqlite3.DatabaseError("what it says of itself cannot be read") from None
     if meta.get("schema") != SCHEMA:
         raise RunError(
             f"{run} was written by tactilux {meta.get('tactilux')} in version "
@@ -230,6 +210,7 @@ def check_request(run: Path, db: sqlite3.Connection, wanted: Request | None) -> 
             "program, or choose another directory with --out",
             field="schema",
         )
+    check_rows(db)
     if wanted is None:
         return
     for name, value in wanted.items():
@@ -248,10 +229,10 @@ def _asked(name: str, value: object) -> str:
 
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
+    put_back(run / MODEL, SUM_FILE, lambda old: remove_folder(old, SUM_FILE))
     for folder in (run, run / RENDERS, run / STATES, run / TABLE, run / TABLE / "fit"):
-        for item in folder.glob(".*"):
-            if TEMPORARY.fullmatch(item.name):
-                shutil.rmtree(item) if item.is_dir() else item.unlink()
+        for item in leftovers(folder):
+            shutil.rmtree(item) if item.is_dir() else item.unlink()
 
 
 def _plain(value: Any) -> Any:

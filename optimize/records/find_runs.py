@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,11 +17,11 @@ from optimize.records.run_record import (
 )
 from optimize.report import BASELINE, DESIGN, REPORT
 from optimize.ui.output import MANIFEST
-from render.files import TEMPORARY
+from render.folders import became, is_busy
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, SUM_FILE
 
-LEFT_BEHIND = re.compile(r"\.(.+)\.[0-9a-z_]{8}")
-"""Folders in which a result is put together before it has its name (``tempfile.mkdtemp``)."""
+MANIFESTS = {MANIFEST, SUM_FILE, RECORD, NIGHT}
+"""Whoever has one of these is whole, and nothing of it is to be deleted."""
 OWN_FILES = {BASELINE, DESIGN, MODEL_FILE, RECORD}
 """What such a folder holds soon; others may give their hidden folders names of the same form."""
 COMPARED = "compare"
@@ -56,8 +55,7 @@ def _runs(folder: Path, on_unread: Callable[[OSError], None] | None) -> Iterator
         here = Path(place)
         own = _own(here, set(files))
         yield from own
-        hidden = (here / name for name in sorted(folders)
-                  if TEMPORARY.fullmatch(name) or LEFT_BEHIND.fullmatch(name))  # fmt: skip
+        hidden = (here / name for name in sorted(folders) if became(name))
         yield from (_half_written(path, names) for path in hidden
                     if (names := _names(path)) & OWN_FILES)  # fmt: skip
         # What lies in a night or a model is of that run.
@@ -132,5 +130,12 @@ def _names(folder: Path) -> set[str]:
 def _half_written(path: Path, files: set[str]) -> RunRecord:
     """Return the run that was being put together when its process ended, or is just now."""
     kind = "train" if MODEL_FILE in files else "overnight" if RECORD in files else "explore"
-    why = "half written: a process works in it, or was killed and it can be deleted"
+    why = "half written: its process was killed, and it can be deleted"
+    if files & MANIFESTS:
+        why = (
+            f"whole, but its process was killed while {became(path.name)} was replaced: keep it, "
+            "the same command puts in place what is missing there"
+        )
+    if is_busy(path):
+        why = "half written: a process works in it"
     return RunRecord(kind, path, path.stat().st_mtime, "unfinished", note=why.capitalize())

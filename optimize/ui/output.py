@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import itertools
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from optimize.ui.console import note
 from optimize.ui.process import OutputError
-from render.files import can_create, read_json, replace_folder, write_bytes, write_json
+from render.files import can_create, read_json, write_bytes, write_json
+from render.folders import foreign_names, fresh_folder, put_back, remove_folder, replace_folder
 
 MANIFEST = "result.json"
 DESIGN_KEYS = ("scene_hash", "angles_deg", "power")
@@ -34,7 +33,7 @@ def check_target(target: Path, mark: str = MANIFEST) -> None:
         raise OutputError(
             f"{target} is not a directory: choose another place with --out", field="out"
         )
-    if any(target.iterdir()) and not (target / mark).is_file():
+    if foreign_names(target) and not (target / mark).is_file():
         raise OutputError(
             f"{target} holds files but no earlier result ({mark}), so it is left alone: "
             "choose another place with --out",
@@ -52,17 +51,17 @@ def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
     Where the earlier result holds another design in its file ``keep``, it is kept with everything
     in it, beside ``target`` under the first free number.
     """
-    check_target(target)
-    with writable(target):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    try:
+
+    def settle(old: Path) -> None:
+        _settle(old, target, keep)
+
+    with ExitStack() as stack:
+        with writable(target):
+            put_back(target, MANIFEST, settle)
+            check_target(target)
+            work = stack.enter_context(fresh_folder(target))
         yield work
-        work.chmod(0o755)
-        _swap(work, target, keep)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
+        replace_folder(work, target, settle)
 
 
 def write_manifest(folder: Path, result: dict[str, object]) -> None:
@@ -133,21 +132,18 @@ def _free_name(target: Path) -> Path:
     return next(path for path in numbered if not path.exists())
 
 
-def _swap(work: Path, target: Path, keep: str) -> None:
-    own = _files(target)
-    another = bool(keep) and _differ(target / keep, work / keep)
-    old = replace_folder(work, target)
-    if old is None:
-        return
-    if another:
+def _settle(old: Path, target: Path, keep: str) -> None:
+    """Take an earlier result away, after what others have put into it."""
+    if keep and _differ(old / keep, target / keep):
         aside = _free_name(target)
         os.rename(old, aside)
         note(f"The earlier result, another design, is kept in {aside}")
         return
+    own = _files(old)
     for item in old.iterdir():
         if item.name not in own and not (target / item.name).exists():
             os.rename(item, target / item.name)
-    shutil.rmtree(old)
+    remove_folder(old, MANIFEST)
 
 
 def _files(target: Path) -> set[str]:

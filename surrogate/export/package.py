@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from render.errors import ModelError
-from render.files import can_create, replace_folder, temporary_name, write_npz, write_text
+from render.files import can_create, write_npz, write_text
+from render.folders import foreign_names, fresh_folder, put_back, remove_folder, replace_folder
 from render.geometry import counted_sites
 from render.scene import Scene
 from surrogate.export.onnx import export_onnx
@@ -21,7 +21,8 @@ from surrogate.runtime.model_file import (
     MODEL_FILE,
     OUTPUTS,
     SUM_FILE,
-    sha256,
+    SUMMED,
+    sums_of,
 )
 
 FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE}
@@ -79,11 +80,13 @@ def write_package(
     Raises:
         ModelError: ``folder`` holds other files, or the model exceeds its size.
     """
+
+    def settle(old: Path) -> None:
+        remove_folder(old, SUM_FILE)
+
+    put_back(folder, SUM_FILE, settle)
     check_replaceable(folder)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = temporary_name(folder)
-    fresh.mkdir()
-    try:
+    with fresh_folder(folder) as fresh:
         model = fresh / MODEL_FILE
         export_onnx(checker, metadata.fibers, model, metadata.to_props())
         if model.stat().st_size >= LARGEST:
@@ -94,13 +97,8 @@ def write_package(
             )
         write_npz(fresh / GOLDEN_FILE, {**golden_inputs, **_replay(model, golden_inputs)})
         write_text(fresh / CARD_FILE, card)
-        lines = [f"{sha256((fresh / n).read_bytes())}  {n}\n" for n in (MODEL_FILE, GOLDEN_FILE)]
-        write_text(fresh / SUM_FILE, "".join(lines))
-        old = replace_folder(fresh, folder)
-        if old is not None:
-            shutil.rmtree(old)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+        write_text(fresh / SUM_FILE, sums_of({n: (fresh / n).read_bytes() for n in SUMMED}))
+        replace_folder(fresh, folder, settle)
 
 
 def check_replaceable(folder: Path) -> None:
@@ -119,7 +117,7 @@ def check_replaceable(folder: Path) -> None:
         return
     if not folder.is_dir():
         raise ModelError(f"{folder} is not a folder: name another place", field="out")
-    others = {item.name for item in folder.iterdir()} - FILES
+    others = foreign_names(folder) - FILES
     if others:
         raise ModelError(
             f"{folder} holds {sorted(others)[0]}, which is no part of a model: name another folder",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,17 @@ MATERIAL = "material"
 OUTPUTS = ("counts", "counts_spread", "background", "metric", "score", "domain_excess")
 
 
+SUMMED = (MODEL_FILE, GOLDEN_FILE)
+
+
 def sha256(content: bytes) -> str:
     """Return the checksum as ``sha256sum`` prints it."""
     return hashlib.sha256(content).hexdigest()
+
+
+def sums_of(contents: Mapping[str, bytes]) -> str:
+    """Return what `SUM_FILE` says of files: what ``sha256sum`` prints."""
+    return "".join(f"{sha256(content)}  {name}\n" for name, content in contents.items())
 
 
 def read_verified(file: Path, *, strict: bool) -> bytes:

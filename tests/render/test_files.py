@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import os
@@ -73,32 +74,6 @@ def test_an_unfinished_file_has_a_name_by_which_it_is_found(tmp_path: Path) -> N
     assert not files.TEMPORARY.fullmatch("a.npz")
 
 
-def test_a_folder_takes_the_place_of_another_which_is_not_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target, fresh = tmp_path / "a", tmp_path / "fresh"
-    files.write_text(fresh / "file", "first")
-    assert files.replace_folder(fresh, target) is None
-    files.write_text(fresh / "file", "second")
-    old = files.replace_folder(fresh, target)
-    assert old is not None
-    assert (old / "file").read_text() == "first"
-    assert (target / "file").read_text() == "second"
-
-    rename = os.rename
-
-    def refuse_the_fresh_one(source: Path, place: Path) -> None:
-        if source == fresh:
-            raise OSError("disk full")
-        rename(source, place)
-
-    files.write_text(fresh / "file", "third")
-    monkeypatch.setattr(os, "rename", refuse_the_fresh_one)
-    with pytest.raises(OSError, match="disk full"):
-        files.replace_folder(fresh, target)
-    assert (target / "file").read_text() == "second"
-
-
 @pytest.mark.parametrize("content", ["", "[1]", '{"a": ', "\udcff"])
 def test_a_damaged_object_reads_as_none_was_there(tmp_path: Path, content: str) -> None:
     path = tmp_path / "plan.json"
@@ -154,8 +129,9 @@ def test_a_kept_file_outlives_a_shortage_which_is_one_sentence(
 
 def test_a_header_that_damage_makes_absurd_is_no_shortage(tmp_path: Path) -> None:
     path = tmp_path / "kept.npz"
-    files.write_npz(path, {"estimate": np.arange(3.0)})
-    content = path.read_bytes()
+    stream = io.BytesIO()
+    np.savez(stream, estimate=np.arange(3.0))
+    content = stream.getvalue()
     assert content.count(b"(3,), }             ") == 1
     path.write_bytes(content.replace(b"(3,), }             ", b"(3000000000000000,)}"))
     with pytest.raises(TableError, match="it is damaged"):
@@ -203,3 +179,61 @@ def test_what_another_process_takes_away_meanwhile_is_not_there(
 
     monkeypatch.setattr(files, "read_npz", read_late)
     assert files.read_or_drop(path) is None
+
+
+def flipped(content: bytes, bit: int) -> bytes:
+    """Return ``content`` with one bit turned."""
+    changed = bytearray(content)
+    changed[bit // 8] ^= 1 << bit % 8
+    return bytes(changed)
+
+
+def test_no_single_bit_of_an_archive_turns_without_being_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "kept.npz"
+    files.write_npz(path, {"a": np.arange(3.0), "key": np.array("abc")})
+    content = path.read_bytes()
+    assert files.read_npz(path)["a"].tolist() == [0.0, 1.0, 2.0]
+    silent = []
+    for bit in range(0, 8 * len(content), 3):
+        path.write_bytes(flipped(content, bit))
+        try:
+            files.read_npz(path)
+        except TableError:
+            continue
+        silent.append(bit)
+    assert not silent
+
+
+def test_no_single_bit_of_an_object_turns_without_being_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "plan.json"
+    for content in ({"samples": 1024, "seeds": [1, 2]}, {}):
+        files.write_json(path, content, indent=2)
+        written = path.read_bytes()
+        assert files.read_json(path) == content
+        silent = []
+        for bit in range(8 * len(written)):
+            path.write_bytes(flipped(written, bit))
+            with contextlib.suppress(ValueError):
+                files.read_sealed(path)
+                silent.append(bit)
+        # The end of the last line may be another blank.
+        assert all(bit // 8 == len(written) - 1 for bit in silent)
+
+
+def test_files_without_a_seal_are_of_an_earlier_version_and_read(tmp_path: Path) -> None:
+    (tmp_path / "plan.json").write_text('{"samples": 1024}\n')
+    np.savez(tmp_path / "kept.npz", a=np.arange(3.0))
+    assert files.read_json(tmp_path / "plan.json") == {"samples": 1024}
+    assert files.read_npz(tmp_path / "kept.npz")["a"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_a_pipe_in_a_folder_and_a_file_without_end_are_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    with (tmp_path / "endless").open("wb") as stream:
+        stream.truncate(files.LARGEST + 1)
+    with pytest.raises(OSError, match="it is a pipe, no file"):
+        files.read_bytes(tmp_path / "pipe.npz")
+    with pytest.raises(TableError, match="it is a pipe, no file"):
+        files.read_npz(tmp_path / "pipe.npz")
+    with pytest.raises(OSError, match="allowed: up to 1,073,741,824"):
+        files.read_bytes(tmp_path / "endless")

@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from optimize.overnight.rows import COLUMNS
 from optimize.overnight.run_directory import (
     RECORD,
     RunError,
@@ -28,6 +30,7 @@ from optimize.overnight.run_directory import (
 from optimize.overnight.status import status_of
 from optimize.overnight.store import RENDERS, Request, Store
 from optimize.ui.output import OutputError
+from render.progress import Progress
 from render.reference import RenderJob, RenderResult
 from render.scene import Scene
 from tests.optimize.overnight.tiny import ROOT, request_of, tiny_jobs, tiny_scene
@@ -217,7 +220,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
     db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
     db.commit()
     db.close()
-    with pytest.raises(RunError, match="version 99 of the format, this program reads version 5"):
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 6"):
         Store(tmp_path, request_of(scene), print)
     with pytest.raises(RunError, match="version 99"):
         status_of(tmp_path)
@@ -248,6 +251,98 @@ def test_a_damaged_record_is_one_sentence_and_nothing_is_destroyed(
     ):
         Store(tmp_path, request_of(scene), print)
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE decisions SET value = '[1,3]'",
+        "UPDATE evaluations SET seconds = 2.5",
+        "UPDATE attempts SET seconds = 7.0",
+        "UPDATE meta SET value = '{\"--seed\": 1}' WHERE name = 'request'",
+        "UPDATE meta SET value = '{x' WHERE name = 'request'",
+        "UPDATE progress SET done = 0.5",
+        "DROP TABLE progress; CREATE VIEW progress AS WITH RECURSIVE n(i) AS "
+        "(SELECT 1 UNION ALL SELECT i FROM n) SELECT i AS stage FROM n WHERE i = 2",
+        "DROP TABLE meta; CREATE VIEW meta AS WITH RECURSIVE n(i) AS "
+        "(SELECT 1 UNION ALL SELECT i FROM n) SELECT i AS name, i AS value FROM n WHERE i = 2",
+        "CREATE TRIGGER t AFTER INSERT ON attempts BEGIN DELETE FROM decisions; END",
+    ],
+)
+def test_a_row_that_is_not_as_it_was_written_is_named_and_never_read(
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path, scene: Scene, change: str
+) -> None:
+    store = opened()
+    store.keep(job, result, "table", "here")
+    store.decide("1/plan", lambda: [1, 2])
+    store.progress("Table", Progress(1, 2), None)
+    opened.close()
+    assert status_of(tmp_path).share == 0.5
+    with closing(sqlite3.connect(tmp_path / RECORD)) as db:
+        db.executescript(change)
+    with pytest.raises(RunError, match=r"run\.sqlite is damaged"):
+        status_of(tmp_path)
+    with pytest.raises(RunError, match=r"run\.sqlite is damaged"), writing(tmp_path):
+        Store(tmp_path, request_of(scene), print)
+
+
+def test_no_bit_of_a_record_turns_and_changes_what_is_read(
+    opened: Opener, job: RenderJob, result: RenderResult, tmp_path: Path
+) -> None:
+    store = opened()
+    for seed in range(8):
+        store.keep(replace(job, seed=seed), result, "table", "here")
+        store.decide(f"{seed}/plan", lambda: {"samples": 8, "phi": [0.25, 1.5]})
+    opened.close()
+    path = tmp_path / RECORD
+    content, whole = path.read_bytes(), all_rows(tmp_path)
+    rng, text = np.random.default_rng(0), b'{"samples": 8, "phi": [0.25, 1.5]}'
+    inside = 8 * content.index(text) + rng.integers(0, 8 * len(text), 40)
+    anywhere = rng.integers(0, 8 * len(content), 80)
+    for bit in (*inside.tolist(), *anywhere.tolist()):
+        changed = bytearray(content)
+        changed[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(changed)
+        try:
+            status_of(tmp_path)
+        except RunError:
+            continue
+        # Of bits that nobody reads, as in pages that are not full.
+        assert bit not in inside
+        assert all_rows(tmp_path) == whole
+
+
+def all_rows(run: Path) -> list[object]:
+    with closing(sqlite3.connect(run / RECORD)) as db:
+        return [db.execute(f"SELECT * FROM {name}").fetchall() for name in COLUMNS]
+
+
+def test_a_first_moment_that_was_killed_is_gone_on_from(tmp_path: Path, scene: Scene) -> None:
+    killed = "import os, signal; os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n"
+    killed += HOLD
+    done = subprocess.run([sys.executable, "-c", killed, str(tmp_path)], cwd=ROOT, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert any(path.name.startswith(f".{RECORD}.") for path in tmp_path.iterdir())
+    check_run_directory(tmp_path)
+    Store(tmp_path, request_of(scene), print).close("stopped")
+    assert not any(path.name.startswith(f".{RECORD}.") for path in tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["lock", RECORD + "-wal", RECORD + "-journal"])
+def test_a_pipe_in_a_run_directory_hangs_nobody(
+    opened: Opener, tmp_path: Path, scene: Scene, name: str
+) -> None:
+    opened()
+    opened.close()
+    (tmp_path / name).unlink(missing_ok=True)
+    os.mkfifo(tmp_path / name)
+    if name == "lock":
+        assert status_of(tmp_path).holder is None
+        with pytest.raises(RunError, match="it is a pipe"), writing(tmp_path), locked(tmp_path):
+            pass
+    else:
+        with pytest.raises(RunError, match="it is a pipe"):
+            status_of(tmp_path)
 
 
 def test_a_directory_that_holds_something_else_is_left_alone(tmp_path: Path) -> None:

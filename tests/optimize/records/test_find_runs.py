@@ -53,18 +53,17 @@ def test_a_hidden_folder_of_others_is_not_called_ours(tmp_path: Path, end: str, 
 def test_a_result_that_was_being_put_together_is_half_written(
     tmp_path: Path, file: str, kind: str
 ) -> None:
-    places = temporary_name(tmp_path / "digit"), tmp_path / ".digit.a1b2c3_4"
-    for place in places:
-        write(place / file)
+    place = temporary_name(tmp_path / "digit")
+    write(place / file)
     # Of another form, so of others.
     write(tmp_path / ".digit.backup" / file)
-    assert listed(tmp_path) == dict.fromkeys((p.name for p in places), (kind, "unfinished"))
+    assert listed(tmp_path) == {place.name: (kind, "unfinished")}
 
 
 def test_a_hidden_folder_that_may_not_be_read_is_none_of_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write(tmp_path / ".digit.a1b2c3_4" / DESIGN)
+    write(temporary_name(tmp_path / "digit") / DESIGN)
 
     def refuse(path: Path) -> None:
         raise PermissionError(13, "Permission denied", str(path))

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from optimize.records import find_runs
 from optimize.ui.output import OutputError, check_target, fresh_directory, write_manifest
+
+ROOT = Path(__file__).parents[3]
 
 
 def write_result(target: Path, content: str) -> None:
@@ -101,3 +107,47 @@ def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
         check_target(tmp_path / "a")
     with pytest.raises(OutputError, match="not a writable directory"):
         check_target(tmp_path / "a" / "b")
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from optimize.ui.output import fresh_directory, write_manifest
+
+rename, calls = os.rename, iter(range(1, 99))
+def dying(*words, **more):
+    if next(calls) == int(sys.argv[2]):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return rename(*words, **more)
+os.rename = dying
+with fresh_directory(Path(sys.argv[1])) as folder:
+    (folder / "report.html").write_text("second")
+    write_manifest(folder, {})
+"""
+
+
+@pytest.mark.parametrize("instant", range(1, 5))
+def test_a_kill_at_any_rename_loses_neither_a_result_nor_renders_in_it(
+    tmp_path: Path, instant: int
+) -> None:
+    target = tmp_path / "a"
+    write_result(target, "first")
+    for name in ("design-renders", "notes"):
+        (target / name).mkdir()
+        (target / name / "chain.npz").write_bytes(b"hours of work")
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(target), str(instant)], cwd=ROOT, check=False
+    )
+    assert done.returncode == -signal.SIGKILL
+    kept = [record for record in find_runs(tmp_path) if "deleted" in record.note]
+    assert not kept
+    write_result(target, "third")
+    assert (target / "report.html").read_text() == "third"
+    for name in ("design-renders", "notes"):
+        assert (target / name / "chain.npz").read_bytes() == b"hours of work"
+    assert names(tmp_path) == {"a"}
+
+
+def test_what_a_killed_process_left_is_no_file_of_others(tmp_path: Path) -> None:
+    (tmp_path / f".report.html.{'0' * 32}").write_text("half")
+    check_target(tmp_path)
