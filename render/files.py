@@ -241,7 +241,10 @@ def read_sealed(path: Path) -> dict[str, Any]:
             raise ValueError("its seal is damaged")
     elif hashlib.sha256(text[: seal.start()]).hexdigest().encode() != seal[1]:
         raise ValueError("it is not as it was written")
-    content = parse_json(text.decode("utf-8"))
+    try:
+        content = parse_json(text.decode("utf-8"))
+    except json.JSONDecodeError:
+        raise ValueError("it is not JSON" if text.strip() else "it is empty") from None
     if not isinstance(content, dict):
         raise ValueError("it holds no object")
     content.pop("seal", None)

@@ -42,7 +42,8 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PACKAGES = {
     "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy",
                 "trimesh"),
-    "train": ("dask", "distributed", "drjit", "mitsuba", "onnx", "sklearn", "torch"),
+    "train": ("cryptography", "dask", "distributed", "drjit", "mitsuba", "onnx", "sklearn",
+              "torch"),
     "hw": ("cv2", "serial"),
 }  # fmt: skip
 """What the extras of pyproject.toml install, by the names that are imported."""

@@ -9,6 +9,7 @@ from typer import Argument, Option
 
 from optimize.cli.options import Json
 from optimize.ui.console import note, print_json, print_table, reserved_stdout
+from optimize.ui.terminal_text import one_line
 
 
 def run(
@@ -57,7 +58,7 @@ def run(
             print_table(stream, "", headings, rows, words=headings[:4])
         for record in found:
             if record.state != "finished":
-                stream.write(f"{record.path}, {record.state}: {record.note}\n")
+                stream.write(one_line(f"{record.path}, {record.state}: {record.note}") + "\n")
         if out is not None:
             stream.write(f"Page: {out}, open it in a browser\n")
 

@@ -1,13 +1,15 @@
 """A page that follows a night in a browser: what ``tactilux status`` knows, every few seconds.
 
 The server answers this machine alone: it is bound to 127.0.0.1, and asked under another name (a
-foreign site whose name leads here) it refuses. It reads the run and writes nothing.
+foreign site whose name leads here) it refuses. Other users of the machine lack the secret in its
+address, without which nothing is answered. It reads the run and writes nothing.
 """
 
 from __future__ import annotations
 
 import errno
 import json
+import secrets
 from contextlib import closing
 from dataclasses import asdict
 from http import HTTPStatus
@@ -64,7 +66,7 @@ def _finalists(run: Path, *, finished: bool) -> list[dict[str, Any]]:
     with writing(run), closing(open_record(run)) as db:
         words = "SELECT value FROM decisions WHERE name LIKE '%/finalists' ORDER BY id DESC"
         row = db.execute(words).fetchone()
-    return [{"title": TITLES[key]} for key in json.loads(row[0])] if row else []
+    return [{"title": TITLES.get(str(key), str(key))} for key in json.loads(row[0])] if row else []
 
 
 def _end_of_log(path: Path) -> list[str]:
@@ -108,7 +110,7 @@ class StatusServer(ThreadingHTTPServer):
     def __init__(self, run: Path, port: int) -> None:
         """Open ``port``, 0 for any that is free; `url` says where the page is."""
         status_of(run)
-        self.run = run
+        self.run, self.secret = run, secrets.token_urlsafe()
         try:
             super().__init__((ADDRESS, port), _Answer)
         except OSError as error:
@@ -121,7 +123,7 @@ class StatusServer(ThreadingHTTPServer):
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{ADDRESS}:{self.server_port}/"
+        return f"http://{ADDRESS}:{self.server_port}/{self.secret}/"
 
 
 class _Answer(BaseHTTPRequestHandler):
@@ -133,14 +135,17 @@ class _Answer(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Give the page, what it shows, or the report of the night."""
         names = {f"{name}:{self.server.server_port}" for name in (ADDRESS, "localhost")}
-        path = self.path.partition("?")[0]
+        _, secret, path = (*self.path.partition("?")[0].split("/", 2), "", "")[:3]
+        known = secrets.compare_digest(secret.encode(), self.server.secret.encode())
         if self.headers.get("Host") not in names:
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST, "this page is for this machine alone")
-        elif path == "/":
+        elif not known:
+            self.send_error(HTTPStatus.FORBIDDEN, "the address that tactilux status said is needed")
+        elif path == "":
             self._send("text/html", follow_page(self.server.run).encode())
-        elif path == "/status.json":
+        elif path == "status.json":
             self._send("application/json", json.dumps(told(self.server.run)).encode())
-        elif path == f"/{REPORT}" and (self.server.run / REPORT).is_file():
+        elif path == REPORT and (self.server.run / REPORT).is_file():
             content = (self.server.run / REPORT).read_bytes()
             self._send("text/html", content, REPORT_POLICY)
         else:
@@ -152,6 +157,7 @@ class _Answer(BaseHTTPRequestHandler):
         self.send_header("Content-Length", str(len(content)))
         self.send_header("Cache-Control", "no-store")
         self.send_header("X-Content-Type-Options", "nosniff")
+        self.send_header("Referrer-Policy", "no-referrer")
         if policy:
             self.send_header("Content-Security-Policy", policy)
         self.end_headers()

@@ -12,6 +12,7 @@ from typing import IO, Any
 
 from optimize.overnight.run_directory import LOG
 from optimize.ui.console import ProgressBar
+from optimize.ui.terminal_text import printable
 from render.progress import Progress
 
 LOG_SECONDS = 60.0
@@ -76,7 +77,7 @@ class RunLog:
         """Write ``line``, if any, to the log, and the event for programs."""
         if line:
             stamp = datetime.now().astimezone().isoformat(timespec="seconds")
-            self._log.write(f"{stamp} {line}\n")
+            self._log.write(f"{stamp} {printable(line)}\n")
             self._log.flush()
         if self._lines is not None:
             self._lines.write(json.dumps(event, allow_nan=False) + "\n")

@@ -154,7 +154,9 @@ class PlayPage:
         script += "\n".join(_part(name) for name in SCRIPTS) + "\n})();"
         level = facts["level"]
         scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
-        environment = jinja2.Environment(undefined=jinja2.StrictUndefined, trim_blocks=True)
+        environment = jinja2.Environment(
+            autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+        )
         return environment.from_string(_part("play.html.j2")).render(
             scene=self.scene.name,
             scene_hash=self.scene.hash,
@@ -191,7 +193,9 @@ def write_play(path: Path, page: PlayPage) -> None:
     Raises:
         TableError: its table is too large for a page.
     """
-    write_result(path, page.html().encode())
+    html = page.html().encode()
+    seal = f"<!-- seal {hashlib.sha256(html).hexdigest()} -->\n"
+    write_result(path, html + seal.encode())
 
 
 def best_design(scorer: TableScorer, start: Design) -> Design:

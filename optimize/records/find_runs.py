@@ -17,6 +17,7 @@ from optimize.records.run_record import (
 )
 from optimize.report import BASELINE, DESIGN, REPORT
 from optimize.ui.output import MANIFEST
+from render.files import refuse_endless
 from render.folders import became, is_busy
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, SUM_FILE
 
@@ -88,6 +89,7 @@ def _own(here: Path, files: set[str]) -> list[RunRecord]:
 def _to_play(path: Path) -> bool:
     """Return whether ``path`` is a page to play with, whole or cut off."""
     try:
+        refuse_endless(path)
         with path.open("rb") as stream:
             return PLAY_MARK in stream.read(BEGINNING)
     except OSError:

@@ -6,7 +6,6 @@ kind must have makes the run *damaged*, which is told with the reason.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,16 +25,19 @@ from optimize.report import DESIGN, PLAY, REPORT
 from optimize.ui.console import duration
 from optimize.ui.output import MANIFEST
 from render.errors import SceneError, TactiluxError
-from render.files import read_bytes
+from render.files import parse_json, read_bytes, read_sealed
 from render.refused_values import problem_sentence
 from render.scene import load_scene
 from surrogate.runtime import Checker
-from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE
+from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, sha256
 
 KINDS = ("explore", "verify", "optimize", "overnight", "train", "play")
 STATES = ("finished", "running", "stopped", "lost", "failed", "unfinished", "damaged")
 """All but the first two and the last go on by the same command, see `RunStatus` for nights."""
 VERIFIED = re.compile(r"verified-[0-9a-f]{12}\.json")
+PAGE_SEAL = re.compile(rb"<!-- seal ([0-9a-f]{64}) -->\n?\Z")
+PAGE_SEALED = re.compile(rb"<!-- seal|[0-9a-f]{64} -->")
+"""What shows of it, whichever of its bits is turned; earlier pages have none."""
 PLAY_FACTS = re.compile(rb'<script type="application/json" id="page">(.*?)</script>', re.DOTALL)
 
 
@@ -88,6 +90,8 @@ def read_record(kind: str, path: Path) -> RunRecord:
         return damaged(kind, path, str(error))
     except OSError as error:
         return damaged(kind, path, f"{error.filename or path} cannot be read ({error.strerror})")
+    except Exception as error:  # of whatever a stranger has put there; the other runs are listed
+        return damaged(kind, path, f"it cannot be read ({type(error).__name__}: {error})")
 
 
 def damaged(kind: str, path: Path, why: str) -> RunRecord:
@@ -98,7 +102,7 @@ def damaged(kind: str, path: Path, why: str) -> RunRecord:
 
 
 def _time(path: Path) -> float:
-    return path.stat().st_mtime
+    return path.lstat().st_mtime
 
 
 class _Strict(BaseModel):
@@ -108,7 +112,10 @@ class _Strict(BaseModel):
 
 
 class _Manifest(_Strict):
+    """What a result folder says of its files; earlier ones do not tell their SHA-256."""
+
     files: list[str]
+    sums: dict[str, str] = {}
 
 
 class _Estimate(_Strict):
@@ -149,12 +156,15 @@ class _Played(_Strict):
 _Part = TypeVar("_Part", bound=BaseModel)
 
 
-def _parsed(part: type[_Part], content: bytes, path: Path) -> _Part:
+def _parsed(part: type[_Part], path: Path, content: dict[str, Any] | None = None) -> _Part:
+    """Return what ``part`` tells of the sealed file ``path``, or of the ``content`` of another."""
     try:
-        return part.model_validate_json(content)
+        return part.model_validate(read_sealed(path) if content is None else content)
     except ValidationError as error:
         problem = problem_sentence(error.errors(include_url=False)[0])
         raise RunError(f"{path.name} is damaged ({problem})", field="run") from None
+    except ValueError as error:
+        raise RunError(f"{path.name} is damaged ({error})", field="run") from None
 
 
 def _interval(ends: list[float] | None) -> tuple[float, float] | None:
@@ -176,10 +186,12 @@ def _of_design(file: DesignFile) -> dict[str, Any]:
 def _result(kind: str, folder: Path) -> RunRecord:
     """Read the folder of ``explore`` or ``optimize``, which appears complete or not at all."""
     path = folder / MANIFEST
-    manifest = _parsed(_Manifest, read_bytes(path), path)
+    manifest = _parsed(_Manifest, path)
     missing = [name for name in manifest.files if not (folder / name).exists()]
     if missing:
         raise RunError(f"{', '.join(missing)} missing, which its {MANIFEST} names", field="run")
+    changed = [name for name, known in manifest.sums.items()
+               if sha256(read_bytes(folder / name)) != known]  # fmt: skip
     play = folder / PLAY
     return RunRecord(
         kind,
@@ -188,13 +200,14 @@ def _result(kind: str, folder: Path) -> RunRecord:
         design=folder / DESIGN,
         report=folder / REPORT,
         play=play if play.is_file() else None,
+        note=f"Not as written: {', '.join(changed)}" if changed else "",
         **_of_design(load_design_file(folder / DESIGN)),
     )
 
 
 def _verification(path: Path) -> RunRecord:
     """Read what ``verify`` found, and the design beside it if it is still the one."""
-    content = _parsed(_Verified, read_bytes(path), path)
+    content = _parsed(_Verified, path)
     folder = path.parent if path.parent.name else path.parent.resolve()
     design = folder.with_name(f"{folder.name.removesuffix('-renders')}.json")
     known: dict[str, Any] = {}
@@ -285,10 +298,16 @@ def _model(folder: Path) -> RunRecord:
 
 def _page(path: Path) -> RunRecord:
     """Read what a page to play with opens with."""
-    found = PLAY_FACTS.search(read_bytes(path))
+    whole = read_bytes(path)
+    found, seal = PLAY_FACTS.search(whole), PAGE_SEAL.search(whole)
     if found is None:
         raise RunError(f"{path.name} is cut off: its facts have no end", field="run")
-    page = _parsed(_Played, found[1], path)
+    if seal is None:
+        if PAGE_SEALED.search(whole[-200:]):
+            raise RunError(f"{path.name} is damaged at its end", field="run")
+    elif sha256(whole[: seal.start()]).encode() != seal[1]:
+        raise RunError(f"{path.name} is damaged (it is not as it was written)", field="run")
+    page = _parsed(_Played, path, parse_json(found[1].decode()))
     score = page.scores.get("start")
     half = page.half_width
     return RunRecord(
@@ -321,9 +340,9 @@ def kind_of_result(path: Path) -> str | None:
     has to be told of it.
     """
     try:
-        content = json.loads(read_bytes(path))
+        content = read_sealed(path)
     except (OSError, ValueError):
         return "explore" if (path.parent / DESIGN).is_file() else None
-    if not isinstance(content, dict) or "scene_hash" not in content:
+    if "scene_hash" not in content:
         return None
     return "explore" if "optimized" in content else "optimize" if "finalists" in content else None

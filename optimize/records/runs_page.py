@@ -18,7 +18,6 @@ from optimize.records.run_record import RunRecord
 from optimize.report import data_uri, render_page
 from optimize.ui.console import counted
 from optimize.ui.output import write_result
-from render.errors import SceneError
 from render.geometry import fiber_edges
 from render.scene import OFF, Scene, load_scene
 from render.sensor_drawing import sensor_svg
@@ -121,7 +120,7 @@ class _Drawings:
         if key not in self.scenes:
             try:
                 found = load_scene(named) if named else None
-            except SceneError:
+            except Exception:  # of a stranger's file; the run is listed without a drawing
                 found = None
             self.scenes[key] = (
                 found if found is not None and found.hash == record.scene_hash else None

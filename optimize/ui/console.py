@@ -9,9 +9,10 @@ import os
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, cast
 
 from optimize.ui.process import result_stream
+from optimize.ui.terminal_text import Steered, one_line, printable
 from render.errors import TactiluxError
 from render.progress import OnProgress, Progress
 
@@ -70,22 +71,24 @@ def print_table(
     """
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left")
+    # Plain text: what looks like rich's markup in it is none.
+    table = Table(title=Text(one_line(title)) if title else None, title_justify="left")
     for heading in headings:
         left = heading in (headings[:1] if words is None else words)
-        table.add_column(heading, justify="left" if left else "right", overflow="fold")
+        table.add_column(Text(one_line(heading)), justify="left" if left else "right", overflow="fold")
     for row in rows:
-        table.add_row(*row)
-    console = Console(file=stream, width=None if stream.isatty() else width)
+        table.add_row(*(Text(one_line(cell)) for cell in row))
+    console = Console(file=cast(IO[str], Steered(stream)), width=None if stream.isatty() else width)
     console.print(table)
     if below:
-        console.print(below, highlight=False)
+        console.print(printable(below), highlight=False, markup=False)
 
 
 def note(text: str) -> None:
     """Write one line for the person at the terminal."""
-    print(text, file=sys.stderr, flush=True)
+    print(one_line(text), file=sys.stderr, flush=True)
 
 
 class ProgressBar:
@@ -148,7 +151,7 @@ class ProgressBar:
         if self._bar is None:
             note(text)
         else:
-            self._bar.console.print(text, highlight=False, markup=False)
+            self._bar.console.print(one_line(text), highlight=False, markup=False)
 
     def _draw(self, title: str, at: Progress, remaining: str) -> None:
         if self._bar is None:
@@ -157,18 +160,18 @@ class ProgressBar:
             from rich.progress import Progress as RichProgress
 
             self._bar = RichProgress(
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
                 TaskProgressColumn(),
                 TextColumn("{task.fields[remaining]}"),
-                console=Console(stderr=True),
+                console=Console(file=cast(IO[str], Steered(sys.stderr))),
                 transient=True,
             )
-            self._bar.add_task(title, total=at.total, remaining=remaining)
+            self._bar.add_task(one_line(title), total=at.total, remaining=remaining)
             self._bar.start()
         self._bar.update(
             self._bar.task_ids[0],
-            description=title,
+            description=one_line(title),
             completed=at.done,
             total=at.total,
             remaining=remaining,

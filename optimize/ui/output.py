@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 from collections.abc import Iterator, Sequence
@@ -65,9 +66,12 @@ def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
 
 
 def write_manifest(folder: Path, result: dict[str, object]) -> None:
-    """Write ``result`` with the names of all files in ``folder``: what may be replaced later."""
-    names = sorted({item.name for item in folder.iterdir()} | {MANIFEST})
-    write_json(folder / MANIFEST, {**result, "files": names}, indent=2)
+    """Write ``result`` with the names and SHA-256 of all files in ``folder``, to be replaced."""
+    items = sorted(folder.iterdir())
+    sums = {item.name: hashlib.sha256(item.read_bytes()).hexdigest()
+            for item in items if item.is_file()}  # fmt: skip
+    names = sorted({item.name for item in items} | {MANIFEST})
+    write_json(folder / MANIFEST, {**result, "files": names, "sums": sums}, indent=2)
 
 
 def check_file(path: Path, kinds: Sequence[str] = ()) -> None:

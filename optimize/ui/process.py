@@ -23,6 +23,7 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
+from optimize.ui.terminal_text import printable
 from render.errors import TactiluxError
 
 if TYPE_CHECKING:
@@ -248,7 +249,19 @@ def _discard(stream: io.FileIO, content: Any) -> int:
     return memoryview(content).nbytes
 
 
-def _text(raw: io.FileIO, errors: str, *, lines: bool = False) -> io.TextIOWrapper:
+class _Printed(io.TextIOWrapper):
+    """Text that no stranger steers a terminal with; see `optimize.ui.terminal_text`."""
+
+    def write(self, text: str, /) -> int:
+        super().write(printable(text))
+        return len(text)
+
+    def write_steered(self, text: str, /) -> int:
+        """Write ``text`` as it is."""
+        return super().write(text)
+
+
+def _text(raw: io.FileIO, errors: str, *, lines: bool = False) -> _Printed:
     buffered = io.BufferedWriter(raw)
     lines = lines or raw.isatty()
-    return io.TextIOWrapper(buffered, encoding="utf-8", errors=errors, line_buffering=lines)
+    return _Printed(buffered, encoding="utf-8", errors=errors, line_buffering=lines)

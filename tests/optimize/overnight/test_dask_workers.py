@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from optimize.overnight.dask_workers import DaskWorkers
 from optimize.overnight.run_directory import RunError
@@ -134,11 +135,24 @@ def test_the_job_of_a_worker_that_hangs_is_given_to_another(
     assert asleep not in pids(workers)
 
 
-def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
-    workers: DaskWorkers, jobs: list[RenderJob]
+@pytest.mark.parametrize("how", ["tls", "tcp"])
+def test_who_has_no_certificate_gives_workers_of_this_machine_no_work(
+    workers: DaskWorkers, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
-    guest = DaskWorkers(address=workers.cluster.scheduler_address)
-    joined = threading.Thread(target=workers.cluster.scale, args=(3,))
+    monkeypatch.setattr("optimize.overnight.dask_workers.CONNECT_SECONDS", 2.0)
+    address = workers.cluster.scheduler_address
+    assert address.startswith("tls://127.0.0.1:")
+    with pytest.raises(RunError, match="no Dask scheduler answers at"):
+        DaskWorkers(address=address.replace("tls", how))
+    assert workers.count == 2
+
+
+def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
+    jobs: list[RenderJob],
+) -> None:
+    cluster = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0")
+    guest = DaskWorkers(address=cluster.scheduler_address)
+    joined = threading.Thread(target=cluster.scale, args=(3,))
     try:
         _, names = rendered(guest, jobs, lambda arrived: joined.start() if arrived == 1 else None)
         joined.join()
@@ -148,6 +162,7 @@ def test_a_cluster_at_an_address_is_used_and_workers_that_join_take_part(
         _, later = rendered(guest, jobs)
     finally:
         guest.close()
+        cluster.close()
     assert len(set(later) | set(names)) >= 3
 
 

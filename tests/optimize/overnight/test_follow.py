@@ -162,7 +162,8 @@ def test_an_error_that_ends_a_night_is_a_state_and_a_line_of_its_log(tmp_path: P
 def test_it_is_for_this_machine_and_for_reading_alone(tiny_night: TinyNight) -> None:
     before = {path: path.read_bytes() for path in tiny_night.run.iterdir() if path.is_file()}
     with serving(tiny_night.run) as url:
-        address, port = url.removeprefix("http://").rstrip("/").split(":")
+        where, secret, _ = url.removeprefix("http://").split("/")
+        address, port = where.split(":")
         assert address == ADDRESS == "127.0.0.1"
 
         def status(method: str, path: str, host: str) -> int:
@@ -173,11 +174,14 @@ def test_it_is_for_this_machine_and_for_reading_alone(tiny_night: TinyNight) -> 
             return code
 
         own = f"{address}:{port}"
-        assert status("GET", "/", own) == status("GET", "/", f"localhost:{port}") == 200
-        assert status("GET", "/", f"evil.example:{port}") == 421
-        assert status("POST", "/", own) == 501
-        for path in ("/run.sqlite", "/../scene.toml", f"//{LOG}", "/renders/"):
-            assert status("GET", path, own) == 404, path
+        page = f"/{secret}/"
+        assert status("GET", page, own) == status("GET", page, f"localhost:{port}") == 200
+        assert status("GET", page, f"evil.example:{port}") == 421
+        assert status("POST", page, own) == 501
+        for path in ("run.sqlite", "../scene.toml", f"/{LOG}", "renders/"):
+            assert status("GET", page + path, own) == 404, path
+        for path in ("/", "/status.json", "//", f"/{secret[:-1]}/", "/guessed/status.json"):
+            assert status("GET", path, own) == 403, path
     after = {path: path.read_bytes() for path in before}
     assert after == before
 
@@ -186,7 +190,7 @@ def test_ctrl_c_ends_it_with_130_and_the_night_stays(tiny_night: TinyNight) -> N
     process = start("status", tiny_night.run, "--serve", "--port", 0)
     assert process.stdout is not None
     line = process.stdout.readline()
-    found = re.match(r"(http://127\.0\.0\.1:\d+/) follows .* until Ctrl-C\n", line)
+    found = re.match(r"(http://127\.0\.0\.1:\d+/[\w-]+/) follows .* until Ctrl-C\n", line)
     assert found, process.communicate()
     assert asked(found[1])["state"] == "finished"
     process.send_signal(signal.SIGINT)
