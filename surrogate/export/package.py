@@ -18,6 +18,7 @@ from surrogate.runtime import ModelMetadata
 from surrogate.runtime.model_file import (
     CARD_FILE,
     GOLDEN_FILE,
+    LARGEST,
     MODEL_FILE,
     OUTPUTS,
     SUM_FILE,
@@ -26,8 +27,6 @@ from surrogate.runtime.model_file import (
 )
 
 FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE}
-LARGEST = 5_000_000
-"""A model's size in bytes is below this."""
 OTHER_NUMBERS = 56
 """Constants of a lamp and a site besides its preview: inputs of the residual, basis of facets."""
 GRAPH = 26_000

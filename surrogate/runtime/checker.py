@@ -13,7 +13,16 @@ from render.arrays import Array
 from render.errors import ModelError
 from render.transport import Level, TransportTable
 from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata, read_props
-from surrogate.runtime.model_file import MATERIAL, MODEL_FILE, OUTPUTS, open_session, read_verified
+from surrogate.runtime.model_file import (
+    MATERIAL,
+    MODEL_FILE,
+    OUTPUTS,
+    failed,
+    failures,
+    open_session,
+    read_verified,
+    replay,
+)
 
 if TYPE_CHECKING:  # a scene comes with pydantic, which a program with a model may lack
     from render.scene import Scene
@@ -197,11 +206,17 @@ class Checker:
         feeds = {"phi": phi.astype(np.float32), "power": power.astype(np.float32), "bend": bend}
         if len(self.material):
             feeds[MATERIAL] = np.tile(self.material.astype(np.float32), (len(phi), 1))
-        parts = [
-            self._session.run(list(OUTPUTS), {k: v[i : i + _BATCH] for k, v in feeds.items()})
-            for i in range(0, len(phi), _BATCH)
-        ]
-        return {name: np.concatenate([part[i] for part in parts]) for i, name in enumerate(OUTPUTS)}
+        try:
+            parts = [
+                self._session.run(list(OUTPUTS), {k: v[i : i + _BATCH] for k, v in feeds.items()})
+                for i in range(0, len(phi), _BATCH)
+            ]
+        except failures() as error:
+            raise failed(self.file, error) from None
+        outputs = {name: np.concatenate([part[i] for part in parts])
+                   for i, name in enumerate(OUTPUTS)}  # fmt: skip
+        _check_outputs(self.metadata, outputs, self.file)
+        return outputs
 
     def transport_table(self, phi: Array, bends: Array | None = None) -> TransportTable:
         """Return the transport at direction nodes ``phi`` ``(phi_node,)`` rad.
@@ -276,7 +291,38 @@ def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata, 
     file = path / MODEL_FILE if path.is_dir() else path
     content = read_verified(file, strict=path.is_dir())
     session = open_session(content, file, threads)
-    return session, read_props(session.get_modelmeta().custom_metadata_map, str(file)), file
+    metadata = read_props(session.get_modelmeta().custom_metadata_map, str(file))
+    golden = replay(session, file)
+    if golden is not None:
+        _check_outputs(metadata, golden, file)
+    return session, metadata, file
+
+
+def _check_outputs(
+    metadata: ModelMetadata, outputs: dict[str, np.ndarray], file: Path | None
+) -> None:
+    """Refuse outputs of another shape than the description says, from which all else follows.
+
+    Raises:
+        ModelError: names the output.
+    """
+    designs, bends = outputs["metric"].shape[:2] if outputs["metric"].ndim == 3 else (0, 0)
+    seen, channels = (designs, bends, metadata.sites), len(metadata.channels)
+    shapes = {
+        "counts": (*seen, metadata.facets, channels),
+        "counts_spread": (*seen, metadata.facets, channels),
+        "background": (*seen, channels),
+        "metric": seen,
+        "score": (designs,),
+        "domain_excess": (designs,),
+    }
+    for name, shape in shapes.items():
+        if outputs[name].shape != shape:
+            raise ModelError(
+                f"{file or 'the model'} gives {name} of shape {outputs[name].shape}, and describes "
+                f"{shape}: take a fresh copy of the model",
+                field=name,
+            )
 
 
 def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -28,6 +28,8 @@ NONE = "none"
 TABLE = "table"
 """Kind of a model that is its table of renders, as there is nothing between the table's nodes."""
 LICENCE = "Apache-2.0"
+MOST_CELLS, MOST_CHANNELS = 1_000_000, 64
+"""Of lamps, sites or facets that a description may speak of; a model has 5 MB."""
 UNITS = {
     "phi": "rad",
     "power": "fraction of full power",
@@ -183,24 +185,81 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             if item.name not in _LATER or item.name in props
         }
         metadata = ModelMetadata(**content)
-        _ = metadata.metric, metadata.channels
-        numbers = [
-            metadata.exposure,
-            metadata.lam,
-            metadata.conformal["counts"],
-            metadata.conformal["score"],
-        ]
-        numbers += [x for name in ("phi", "power", "bend") for x in metadata.bounds[name]]
-        if metadata.material:
-            sizes = {len(metadata.material[key]) for key in ("names", "low", "high", "nominal")}
-            if len(sizes) != 1 or not isinstance(metadata.material["family"], str):
-                raise ValueError("its material is incomplete")
-            numbers += [x for key in ("low", "high", "nominal") for x in metadata.material[key]]
-        if not all(math.isfinite(x) for x in numbers):
-            raise ValueError("a number in it is not finite")
-    except (KeyError, ValueError, TypeError) as error:
+        for name, value, low, high in _numbers(metadata):
+            _check_number(name, value, low, high)
+        _check_words(metadata)
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise ModelError(
             f"{origin} has a damaged description ({error}): take a fresh copy of the model",
             field="metadata_props",
         ) from None
     return metadata
+
+
+def _numbers(about: ModelMetadata) -> Iterator[tuple[str, Any, float, float]]:
+    """Yield every number that a model is used by: name, value, least and largest.
+
+    Raises:
+        KeyError: one is missing; ValueError: a list has another length.
+    """
+    for name in ("fibers", "sites", "facets"):
+        if not isinstance(getattr(about, name), int):
+            raise ValueError(f"{name} is no whole number")
+        yield name, getattr(about, name), 1, MOST_CELLS
+    yield "exposure", about.exposure, math.ulp(0.0), math.inf
+    yield "lam", about.lam, 0.0, math.inf
+    yield "conformal.coverage", about.conformal["coverage"], 0.0, 1.0
+    for name in ("counts", "score"):
+        yield f"conformal.{name}", about.conformal[name], 0.0, math.inf
+    farthest = max(len(about.states) - 1.0, 0.0) if about.states else math.pi
+    for name, most in (("phi", math.pi), ("power", 1.0), ("bend", farthest)):
+        low, high = about.bounds[name]
+        yield f"bounds.{name}", low, 0.0, most
+        yield f"bounds.{name}", high, low, most
+    for bend in _some("scene_bends", about.scene_bends):
+        yield "scene_bends", bend, 0.0, farthest
+    for name, value in asdict(about.metric).items():
+        yield f"conventions.{name}", value, 0.0, math.inf
+    if about.material:
+        free = about.material
+        ends = zip(free["low"], free["nominal"], free["high"], free["names"], strict=True)
+        for low, nominal, high, _ in ends:
+            yield "material", low, -math.inf, high
+            yield "material", nominal, -math.inf, math.inf
+            yield "material", high, low, math.inf
+    for row in about.held_out:
+        yield "held_out.kendall_tau", row["kendall_tau"], -1.0, 1.0
+        yield "held_out.facet_median", row["facet_median"], 0.0, math.inf
+    for part, name, most in (
+        ("preview", "phi_nodes", MOST_CELLS), ("preview", "ranks", 1.0),
+        ("preview", "photon_noise", math.inf), ("residual", "unreliable_cells", math.inf),
+        ("residual", "cells", math.inf), ("renderer", "samples_per_cell", math.inf),
+        ("renderer", "seconds", math.inf),
+    ):  # fmt: skip
+        value = getattr(about, part).get(name)
+        if value is not None:
+            yield f"{part}.{name}", value, float(name == "cells"), most
+
+
+def _some(name: str, values: Any) -> list[Any]:
+    if not isinstance(values, list) or not 0 < len(values) <= MOST_CELLS:
+        raise ValueError(f"{name} is no list of values")
+    return values
+
+
+def _check_number(name: str, value: Any, low: float, high: float) -> None:
+    if not isinstance(value, int | float) or not (low <= value <= high and math.isfinite(value)):
+        raise ValueError(f"{name} = {value!r:.40}, allowed: {low:g} to {high:g}")
+
+
+def _check_words(about: ModelMetadata) -> None:
+    """Refuse names that are none: what of them is read is text."""
+    words = [about.scene, about.scene_hash, about.residual["kind"]]
+    words += [about.preview.get("kind", PREVIEW)]
+    words += [row["level"] for row in about.held_out] + about.states + _some("axes", about.channels)
+    if about.material:
+        words += [about.material["family"], *about.material["names"]]
+    if not all(isinstance(word, str) and word for word in words):
+        raise ValueError("a name in it is empty or no text")
+    if len(about.channels) > MOST_CHANNELS:
+        raise ValueError(f"it has {len(about.channels)} channels, allowed: up to {MOST_CHANNELS}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import html
 import json
 import re
 import time
@@ -38,6 +39,9 @@ BOUND = 0.02
 """Counts by which a score of the page may differ from checker.onnx."""
 
 
+HOSTILE = "tactilux play <meta http-equiv=refresh content=0>.toml"
+
+
 def known_good(scene: Scene) -> Design:
     """Return a design better than the baseline, to a degree what explore finds."""
     colors = [0, 0, 0, 0, 2, 0, 0, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1, 0, 0]
@@ -51,7 +55,8 @@ def written(
     finger20: Scene, finger20_checker: Checker, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     path = tmp_path_factory.mktemp("play") / "page.html"
-    write_play(path, PlayPage(finger20, finger20_checker, optimum=known_good(finger20)))
+    page = PlayPage(finger20, finger20_checker, optimum=known_good(finger20), command=HOSTILE)
+    write_play(path, page)
     return path
 
 
@@ -388,6 +393,12 @@ def test_a_page_too_large_for_a_mail_is_refused(
     monkeypatch.setattr(play_page, "MAX_BYTES", 100_000)
     with pytest.raises(TableError, match=r"MB, allowed: below 0.1 MB; a scene with fewer sites"):
         PlayPage(finger20, finger20_checker, optimum=known_good(finger20)).html()
+
+
+def test_words_of_strangers_in_a_page_are_text(written: Path) -> None:
+    text = written.read_text()
+    assert HOSTILE not in text
+    assert html.escape(HOSTILE) in text
 
 
 def test_names_in_a_page_cannot_end_its_script(written: Path) -> None:
