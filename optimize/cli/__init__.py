@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 from typing import Annotated, NoReturn
 
@@ -35,9 +36,13 @@ from optimize.cli import (
     verify,
 )
 from optimize.ui.command import Command
-from optimize.ui.process import EXIT_CODES, interruption
+from optimize.ui.process import EXIT_CODES, causes, interruption
 from render.errors import TactiluxError
 
+NO_MEMORY = re.compile(
+    "allocate|bad_alloc|out of memory|start new thread|failed to map segment", re.IGNORECASE
+)
+"""What libraries say of memory that they do not get."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PACKAGES = {
     "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy",
@@ -131,6 +136,6 @@ def _sentence(error: BaseException) -> str | None:
             step = "make room and give the same command again"
         place = "" if error.filename is None else f"{os.fsdecode(error.filename)}: "
         return f"{place}{error.strerror or error}; {step}"
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or any(NO_MEMORY.search(str(e)) for e in causes(error)):
         return "there is not enough memory: close other programs, or ask for less"
     return None

@@ -7,6 +7,7 @@ from typing import Any
 from typer import BadParameter
 from typer.core import TyperCommand
 
+from render.memory import START, require_memory
 from render.refused_values import allowed_words
 
 
@@ -28,3 +29,12 @@ class Command(TyperCommand):
                 allowed, said = allowed_words(problem), problem["msg"].removeprefix("Value error, ")
                 error.message = f"{problem['input']}, allowed: {allowed}" if allowed else said
             raise
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, if there is memory for what it imports.
+
+        Raises:
+            RenderError: there is not.
+        """
+        require_memory(START, "this command")
+        return super().invoke(ctx)

@@ -9,7 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import IO, TYPE_CHECKING, cast
+from typing import IO, TYPE_CHECKING, Literal, cast
 
 from optimize.ui.process import result_stream
 from optimize.ui.terminal_text import Steered, one_line, printable
@@ -77,7 +77,8 @@ def print_table(
     table = Table(title=Text(one_line(title)) if title else None, title_justify="left")
     for heading in headings:
         left = heading in (headings[:1] if words is None else words)
-        table.add_column(Text(one_line(heading)), justify="left" if left else "right", overflow="fold")
+        justify: Literal["left", "right"] = "left" if left else "right"
+        table.add_column(Text(one_line(heading)), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*(Text(one_line(cell)) for cell in row))
     console = Console(file=cast(IO[str], Steered(stream)), width=None if stream.isatty() else width)

@@ -71,11 +71,11 @@ def interruption(error: BaseException | None) -> int | None:
     Libraries wrap KeyboardInterrupt: Dr.Jit says that a loop "encountered an exception".
     """
     codes = [143 if isinstance(cause, Terminated) else 130
-             for cause in _causes(error) if isinstance(cause, KeyboardInterrupt)]  # fmt: skip
+             for cause in causes(error) if isinstance(cause, KeyboardInterrupt)]  # fmt: skip
     return max(codes, default=None)
 
 
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
+def causes(error: BaseException | None) -> Iterator[BaseException]:
     """Yield ``error``, what it was raised from or while handling, and so on."""
     known: set[int] = set()
     while error is not None and id(error) not in known:

@@ -13,6 +13,7 @@ import os
 from typing import Any
 
 from render.errors import GraphicsError
+from render.memory import PREVIEW, require_memory
 
 BACKENDS = ("osmesa", "egl")
 VARIABLE = "TACTILUX_GL"
@@ -91,7 +92,11 @@ def create_context(backend: str | None = None) -> Any:
 
     Raises:
         GraphicsError: when none works, with the line that mends it.
+        RenderError: there is not enough memory.
     """
+    require_memory(PREVIEW, "the preview")
+    # Mesa maps its cache of shaders into memory: on a full disk that is a SIGBUS.
+    os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
     # Untyped: moderngl's stubs know neither `context` nor `backend`.
     make: Any = importlib.import_module("moderngl").create_context
     wanted = backend or os.environ.get(VARIABLE)

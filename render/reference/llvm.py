@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from render.errors import CompilerError
+from render.memory import RENDERER, require_memory
 
 VARIANT = "llvm_ad_mono"
 # LLVM 15 and 16 stop with "Cannot select" on AVX-512 processors once a kernel is rich.
@@ -25,7 +26,9 @@ def ensure_llvm() -> str:
 
     Raises:
         CompilerError: when there is no library, or the one that the user named does not load.
+        RenderError: there is not enough memory to compile and to render.
     """
+    require_memory(RENDERER, "rendering")
     named = os.environ.get("DRJIT_LIBLLVM_PATH")
     if named:
         if not _loads(named):

@@ -13,8 +13,8 @@ OPERATORS = {
     "Abs", "Add", "Cast", "Clip", "Concat", "Constant", "ConstantOfShape", "Cos", "Div",
     "Equal", "Exp", "Expand", "Flatten", "Gather", "Gemm", "Greater", "Identity", "Less", "Log",
     "MatMul", "Max", "Min", "Mul", "Neg", "Pow", "ReduceMax", "ReduceMean", "ReduceProd",
-    "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sin", "Slice", "Sqrt", "Squeeze", "Sub",
-    "Tanh", "Transpose", "Unsqueeze", "Where",
+    "ReduceSum", "Relu", "Reshape", "Round", "Shape", "Sin", "Slice", "Split", "Sqrt",
+    "Squeeze", "Sub", "Tanh", "Transpose", "Unsqueeze", "Where",
 }  # fmt: skip
 """Of ONNX itself; every one of them ends, and none holds a graph of its own."""
 MOST_NODES = 10_000

@@ -120,7 +120,7 @@ def failures() -> tuple[type[Exception], ...]:
     from onnxruntime.capi import onnxruntime_pybind11_state as state
 
     own = [value for value in vars(state).values() if isinstance(value, type)]
-    return (RuntimeError, *(kind for kind in own if issubclass(kind, Exception)))
+    return (RuntimeError, ValueError, *(kind for kind in own if issubclass(kind, Exception)))
 
 
 def failed(file: Path | None, error: Exception) -> ModelError:
@@ -162,7 +162,7 @@ def replay(session: Any, file: Path) -> dict[str, np.ndarray] | None:
     clock.start()
     try:
         found = dict(zip(OUTPUTS, session.run(list(OUTPUTS), inputs, options), strict=True))
-    except (*failures(), ValueError) as error:
+    except failures() as error:
         raise failed(file, error) from None
     finally:
         clock.cancel()
