@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from optimize.design import baseline_design, save_design
+from optimize.records import find_runs
 from optimize.records.run_record import read_record
+from optimize.ui.output import fresh_directory, write_manifest
+from render.scene import load_scene
 from tests.wrong_values import FOREIGN, WRONG, Place, changed, places
 
+SCENE = load_scene("gelsight-mini")
 VERIFIED: dict[str, Any] = {
     "design": {"score": 90.5, "interval": [88.0, 92.0]},
     "difference": {"value": 3.5, "interval": [1.0, 6.0]},
@@ -74,3 +82,55 @@ def test_a_record_that_holds_nothing_is_told_so(tmp_path: Path, content: bytes, 
     path = tmp_path / "verified-0123456789ab.json"
     path.write_bytes(content)
     assert note in read_record("verify", path).note
+
+
+def test_one_hostile_folder_hangs_and_ends_the_list_of_the_others_never(tmp_path: Path) -> None:
+    for name, file in (("a", "result.json"), ("b", "night.npz"), ("c", "checker.onnx")):
+        (tmp_path / name).mkdir()
+        os.mkfifo(tmp_path / name / file)
+    (tmp_path / "a" / "design.json").touch()
+    os.mkfifo(tmp_path / "page.html")
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "result.json").write_text("[" * 100_000)
+    (tmp_path / "deep" / "design.json").touch()
+    (tmp_path / "view").mkdir()
+    with closing(sqlite3.connect(tmp_path / "view" / "run.sqlite")) as db:
+        db.execute(
+            "CREATE VIEW meta AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) "
+            "SELECT i AS name, i AS value FROM n WHERE i = 2"
+        )
+    os.mkfifo(tmp_path / "view" / "lock")
+    found = {record.path.name: record for record in find_runs(tmp_path)}
+    assert {record.state for record in found.values()} == {"damaged"}
+    assert set(found) == {"a", "b", "c", "deep", "view"}
+    assert "it holds the view meta" in found["view"].note
+    assert "it is a pipe, no file" in found["c"].note
+
+
+def test_what_a_reader_of_records_did_not_think_of_is_damage_of_that_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "night.npz").touch()
+
+    def fail(_: Path) -> None:
+        raise LookupError("no such thing")
+
+    monkeypatch.setattr("optimize.records.run_record._night", fail)
+    (record,) = find_runs(tmp_path)
+    assert (record.state, record.note) == (
+        "damaged",
+        "it cannot be read (LookupError: no such thing)",
+    )
+
+
+def test_a_file_that_was_changed_after_it_was_written_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "a"
+    with fresh_directory(folder) as work:
+        save_design(work / "design.json", baseline_design(SCENE), SCENE)
+        (work / "report.html").write_text("whole")
+        write_manifest(work, {"scene_hash": SCENE.hash, "optimized": {}})
+    (record,) = find_runs(tmp_path)
+    assert (record.state, record.note) == ("finished", "")
+    (folder / "report.html").write_text("whale")
+    (record,) = find_runs(tmp_path)
+    assert record.note == "Not as written: report.html"
