@@ -25,8 +25,15 @@ def check_target(target: Path, mark: str = MANIFEST) -> None:
     ``mark`` is the file by which an earlier result is known.
 
     Raises:
-        OutputError: ``target`` is a file, or a directory that this program did not write.
+        OutputError: ``target`` is a file, or a directory that this program did not write, or that
+            has no name of its own and cannot be replaced.
     """
+    if mark == MANIFEST and target.name in ("", ".."):
+        raise OutputError(
+            f"{target} is a directory that cannot be replaced from within: name another place "
+            "with --out",
+            field="out",
+        )
     if not target.exists():
         _check_place(target)
         return
@@ -57,9 +64,9 @@ def fresh_directory(target: Path, keep: str = "") -> Iterator[Path]:
         _settle(old, target, keep)
 
     with ExitStack() as stack:
+        check_target(target)
         with writable(target):
             put_back(target, MANIFEST, settle)
-            check_target(target)
             work = stack.enter_context(fresh_folder(target))
         yield work
         replace_folder(work, target, settle)

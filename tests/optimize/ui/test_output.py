@@ -151,3 +151,9 @@ def test_a_kill_at_any_rename_loses_neither_a_result_nor_renders_in_it(
 def test_what_a_killed_process_left_is_no_file_of_others(tmp_path: Path) -> None:
     (tmp_path / f".report.html.{'0' * 32}").write_text("half")
     check_target(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["", ".", "..", "/"])
+def test_a_place_without_a_name_of_its_own_is_refused_before_any_work(place: str) -> None:
+    with pytest.raises(OutputError, match="cannot be replaced from within"):
+        check_target(Path(place))
