@@ -251,8 +251,8 @@ def read_sealed(path: Path) -> dict[str, Any]:
     return content
 
 
-def read_npz(path: Path) -> dict[str, np.ndarray]:
-    """Return all arrays of an ``.npz`` file.
+def read_npz(path: Path, *, sealed: bool = False) -> dict[str, np.ndarray]:
+    """Return all arrays of an ``.npz`` file; with ``sealed`` only of one with a seal.
 
     Raises:
         TableError: when the file is missing, damaged, or holds anything but plain arrays.
@@ -265,7 +265,7 @@ def read_npz(path: Path) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(path) as archive:
             foreign = [name for name in archive.namelist() if not name.endswith(".npy")]
             seal = archive.comment
-        if seal and seal != _seal_of(path, len(seal)):
+        if (seal or sealed) and seal != _seal_of(path, len(seal)):
             raise TableError(f"{path} is damaged: it is not as it was written", field="table")
         if foreign:
             raise TableError(f"{path} holds more than arrays: {foreign[0]!r}", field="table")

@@ -125,7 +125,7 @@ def _read(path: Path) -> SlabResponse:
     Raises:
         TableError: when the file is damaged or holds something else.
     """
-    arrays = read_npz(path)
+    arrays = read_npz(path, sealed=True)
     names = [field.name for field in fields(SlabResponse)]
     if set(arrays) != {*names}:
         raise TableError(f"{path} is not a slab response", field="slab")
