@@ -162,7 +162,7 @@ def test_letters_tell_the_colors_edge_by_edge(small_scene: Path) -> None:
         ("cut checker.onnx", "models/small8", "damaged", "was altered"),
         ("rm checker.onnx", "models/small8", "damaged", "checker.onnx is missing"),
         ("rm small8-optimize", "runs/small8-optimize-renders", "unfinished", "No result in"),
-        ("hide small8-explore", f"runs/.small8-explore.{'0' * 32}", "unfinished", "Half written"),
+        ("hide small8-explore", f"runs/.small8-explore.{'0' * 32}", "unfinished", "Whole, but"),
         ("cut a page.html", "a page.html", "damaged", "is cut off"),
         ("nan verified", "verified", "damaged", "is damaged (it is not as"),
     ],
