@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,8 @@ from hw.calibration.reference_lines import NAMES as LINES
 from hw.calibration.reference_lines import ReferenceLines, Setup
 from hw.calibration.refine import Confirmation, refine
 from hw.calibration.response import Response, measured_response, skin_color
-from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
-from hw.camera.linearity import Linearity
+from hw.calibration.rig_fit import Calibration, fit_rig, measure
+from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.design import baseline_design, load_design
@@ -36,38 +36,50 @@ from render.preview import cache_folder
 from render.scene import RGB, Palette, Scene, load_scene, standalone
 
 
+@dataclass(frozen=True, eq=False)
+class Sweeps:
+    """The photographs of a rig.
+
+    Arguments:
+        by_bend: one sweep for each of ``bends`` ``(bend,)`` rad.
+        additive: a sweep that also shows all fibers together.
+        by_color: sweeps in each LED color alone, or none.
+        noise: standard deviation of one pixel, in counts.
+    """
+
+    by_bend: list[PhotoSet]
+    bends: Array
+    additive: PhotoSet
+    by_color: list[PhotoSet]
+    noise: float
+
+
 def calibrate_sets(
     scene_name: str,
-    sets: list[PhotoSet],
-    bends: Array,
+    sweeps: Sweeps,
     *,
-    linearity_sets: list[PhotoSet],
-    color_sets: list[PhotoSet],
     design: Path | None,
     model: Path | None,
     target: Path,
-    noise: float,
     materials: int | None,
     samples: int,
 ) -> dict[str, Any]:
     """Test, fit, confirm, write; return what ``calibration.json`` holds.
 
-    There is one sweep for each of ``bends`` ``(bend,)`` rad; one of ``linearity_sets`` shows all
-    fibers together; ``color_sets`` are sweeps in each LED color alone, or none. ``design``
-    None is the baseline, ``model`` None is looked for. ``noise`` is that of one pixel in counts;
-    ``materials`` (None: as many as the polynomial needs) are rendered to correct the fit for all
-    rigs of the same design, with ``samples`` light paths per fiber and cell (0: neither corrected
-    nor confirmed).
+    ``design`` None is the baseline, ``model`` None is looked for. ``materials`` (None: as many as
+    the polynomial needs) are rendered to correct the fit for all rigs of the same design, with
+    ``samples`` light paths per fiber and cell (0: neither corrected nor confirmed).
     """
     scene = load_scene(scene_name)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
-    setup = Setup(scene, lighting.phi, bends)
+    setup = Setup(scene, lighting.phi, sweeps.bends)
     materials = materials or setup.one_albedo.space.enough
-    additivity = require_linearity(linearity_sets, noise)
+    additivity = linearity(sweeps.additive, sweeps.noise)
+    additivity.require()
     checker = open_model(scene, model)
     with ProgressBar("Drawing materials") as bar:
         lines = line_model(setup, checker, bar)
-    measurements = measure(setup, sets, noise)
+    measurements = measure(setup, sweeps.by_bend, sweeps.noise)
     response = None
     note(f"Fitting {len(measurements)} photographs of {scene.name}")
     found, confirmation = fit_rig(scene, lines, measurements), None
@@ -85,9 +97,9 @@ def calibrate_sets(
             except RenderError as error:
                 raise CalibrationError(f"the renders that confirm it failed: {error}") from None
     found.require_known()
-    if color_sets:
+    if sweeps.by_color:
         skin = skin_color(found, measurements) if scene.by_channel else None
-        response = measured_response(scene, color_sets, skin)
+        response = measured_response(scene, sweeps.by_color, skin)
     today = date.today().isoformat()
     with fresh_directory(target) as work:
         for name, content in standalone(scene_name).files.items():

@@ -6,7 +6,7 @@ fitted: g and sigma_s alone leave the same photographs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,6 @@ from hw.calibration.residuals import (
     StandardErrors,
     standard_errors,
 )
-from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.scoring import normal_factor
@@ -84,32 +83,18 @@ class Calibration:
                 )
 
 
-def require_linearity(sets: list[PhotoSet], noise: float) -> Linearity:
-    """Return the test of the first sweep that also shows all fibers together, and require it.
-
-    Raises:
-        CalibrationError: light does not add up, or no sweep shows all fibers together.
-    """
-    for photos in sets:
-        if photos.together is not None:
-            tested = linearity(np.stack(list(photos.alone.values())), photos.together, noise)
-            tested.require()
-            return tested
-    raise CalibrationError(
-        "no sweep shows all fibers together, so the camera cannot be tested for linearity: capture "
-        "one with `tactilux hw capture` and give it with --linearity",
-        field="linearity",
-    )
-
-
 def measure(setup: Setup, sets: list[PhotoSet], noise: float) -> list[Measurement]:
-    """Return the reference lines of all photographs; ``sets`` are in the order of the bends."""
-    reader = LineReader(setup, noise)
-    return [
-        reader.read(photo, fiber, bend)
-        for bend, photos in enumerate(sets)
-        for fiber, photo in sorted(photos.alone.items())
-    ]
+    """Return the reference lines of all photographs; ``sets`` are in the order of the bends.
+
+    ``noise`` is that of one pixel in counts; what files lost by compression adds to it.
+    """
+    reader, measured = LineReader(setup, noise), []
+    for bend, photos in enumerate(sets):
+        for fiber, photo in sorted(photos.alone.items()):
+            one = reader.read(photo, fiber, bend)
+            lost = float(np.hypot(one.noise, photos.compression.max()))
+            measured.append(replace(one, noise=lost))
+    return measured
 
 
 def fit_rig(

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hw.camera.photo_set import DARK_FRAMES, FULL_SCALE, MAX_DARK_COUNTS, SATURATED_COUNTS
+from hw.camera.full_scale import FULL_SCALE, SATURATED_COUNTS
+from hw.camera.photo_set import DARK_FRAMES, MAX_DARK_COUNTS, PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
 
@@ -35,7 +36,7 @@ class Linearity:
         gamma: the exponent that makes light most additive, 1 when it is; noise makes it too
             large where the camera encodes the dark.
         exposure: together over the sum of all, as if only the exposure had changed.
-        cause: ``none``, ``gamma``, ``clipping``, ``exposure`` or ``unknown``.
+        cause: ``none``, ``gamma``, ``clipping``, ``exposure``, ``compression`` or ``unknown``.
     """
 
     residual: float
@@ -57,6 +58,7 @@ class Linearity:
             "or the power",
             "exposure": f"all fibers together are exposed {self.exposure:.2f} times as long as "
             "each alone: switch automatic exposure and gain off",
+            "compression": "their compression alone may explain it: save them as PNG, TIFF or .npy",
             "unknown": "neither gamma, clipping nor exposure explains it: keep room light away and "
             "the rig still, then capture again",
         }
@@ -68,17 +70,22 @@ class Linearity:
             )
 
 
-def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
-    """Return how far light is from additive.
+def linearity(photos: PhotoSet, noise: float = 2.55) -> Linearity:
+    """Return how far light is from additive in ``photos``.
 
-    From counts of each fiber ``alone`` ``(fiber, row, column, channel)`` and all ``together``, dark
-    frame subtracted; ``noise`` is the standard deviation of one pixel of one photograph.
+    ``noise`` is the standard deviation of one pixel of one photograph, in counts.
 
     Raises:
-        CalibrationError: no pixel is bright enough.
+        CalibrationError: no photograph of all fibers together, or no pixel is bright enough.
     """
-    alone, together = _binned(alone), _binned(together)
-    noise = noise / BIN
+    if photos.together is None:
+        raise CalibrationError(
+            "the sweep holds no photograph of all fibers together (all.png or all.npy), so the "
+            "camera cannot be tested for linearity: capture one with `tactilux hw capture`",
+            field="linearity",
+        )
+    together = _binned(photos.together)
+    alone = np.stack([_binned(photo) for photo in photos.alone.values()])
     clipped = float((together >= CLIPPED_COUNTS).mean())
     used = (together > MIN_COUNTS) & (together < CLIPPED_COUNTS)
     if used.sum() < 50 and clipped <= MAX_CLIPPED_FRACTION:
@@ -93,7 +100,9 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
         return Linearity(lost, clipped, 1.0, 1.0, "clipping")
     parts, whole = alone[:, used], together[used]
     # The dark frame is in every part, and so n - 1 times in the sum less the whole.
-    part_noise = noise * np.sqrt(len(parts) + 1 + (len(parts) - 1) ** 2 / DARK_FRAMES)
+    count = len(parts) + 1
+    part_noise = noise / BIN * np.sqrt(count + (len(parts) - 1) ** 2 / DARK_FRAMES)
+    lost = float(np.max(photos.compression) * np.sqrt(count * np.mean(1 / whole**2)))
 
     def misfit(parts: Array, whole: Array) -> float:
         """Return the rms relative residual without what noise explains."""
@@ -112,7 +121,9 @@ def linearity(alone: Array, together: Array, noise: float = 2.55) -> Linearity:
     ]
     gamma = float(GAMMAS[int(np.argmin(powers))])
     cause = "none"
-    if plain > MAX_RESIDUAL:
+    if plain > MAX_RESIDUAL and lost >= plain:
+        cause = "compression"
+    elif plain > MAX_RESIDUAL:
         by_cause = {"gamma": min(powers), "exposure": scaled}
         cause = min(by_cause, key=lambda name: by_cause[name])
         if by_cause[cause] > 0.5 * plain:

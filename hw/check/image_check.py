@@ -122,7 +122,7 @@ def _whitener(
     # The overall gain was matched with a median; it is free.
     causes.append(0.1 * expected.reshape(1, -1))
     spread = np.concatenate(causes)
-    noise = np.broadcast_to(np.asarray(tolerances.noise), (len(expected),))[:, None] / scale
+    noise = tolerances.site_noise / scale
     # Channels that see the same LED share the model's error of a site.
     channels = prediction.own.sum(axis=1) / np.maximum(shining(prediction.power).sum(axis=1), 1)
     wide = alone * np.sqrt(np.maximum(channels, 1.0))[:, None, None]

@@ -33,7 +33,7 @@ class RigTolerances:
         model_turned: of the model's error over all directions, as far as ``model`` leaves it out: a
             record of the healthy rig holds that error at the rig's own directions alone.
         gain: of the camera's gain per channel, relative; only one image of all fibers needs it.
-        noise: of a site's color, in counts; it may be ``(site,)``.
+        noise: of a site's color, in counts; it may be ``(site,)`` or ``(site, channel)``.
         fault: probability that a given fiber has a fault, before any image is seen.
         alarm: probability of a fault above which a fiber is reported.
     """
@@ -46,6 +46,12 @@ class RigTolerances:
     noise: Array = field(default_factory=lambda: np.array(0.25))
     fault: float = 0.0005
     alarm: float = 0.5
+
+    @property
+    def site_noise(self) -> Array:
+        """Return ``noise`` as ``(site, channel)``, with 1 where all are alike."""
+        noise = np.asarray(self.noise)
+        return noise if noise.ndim == 2 else noise.reshape(-1, 1)
 
     def with_powers(self, error: Array) -> RigTolerances:
         """Return these for a rig whose powers are known with ``error`` ``(fiber,)``, and drift."""
@@ -73,7 +79,7 @@ def rig_tolerances(*, sweep: bool, starts: int, noise: Array) -> RigTolerances:
 
     A ``sweep`` is every fiber alone, else one image of all. The record of the healthy rig averages
     ``starts``; 0 compares with the model alone. ``noise`` is that of a site's color in counts,
-    ``(site,)`` or one for all.
+    ``(site, channel)``, ``(site,)`` or one for all.
     """
     if not starts:
         return RigTolerances(noise=noise)

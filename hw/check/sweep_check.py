@@ -140,7 +140,7 @@ def check_sweep(
     )
     seen = colors / gain
     # Noise grows where a channel had to be amplified.
-    noise = np.broadcast_to(np.asarray(tolerances.noise), (sites,))[:, None] / gain
+    noise = np.broadcast_to(tolerances.site_noise / gain, (sites, channels))
     expected = prediction.alone * ratio
     diagnoses, unmeasured = [], unmeasured_colors(prediction)
     turned = prediction.tinted(np.clip(prediction.phi[:, None] + TURNS, 0.0, np.pi))

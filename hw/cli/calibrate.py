@@ -3,55 +3,61 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import IO, Annotated, Any
 
 from typer import Option
 
-from hw.cli.options import Gamma, Materials, Noise, Samples, SceneOption
+from hw.cli.options import Photographs, Renders, SceneOption, grouped
 from optimize.cli.options import DesignOption, Json, ModelFolder
 from optimize.ui.console import print_json, reserved_stdout
 
 
+@dataclass(frozen=True)
+class ColorSweeps:
+    """Sweeps in single colors, as the options of the command line say."""
+
+    red: Annotated[
+        Path | None, Option(help="Folder of the flat sweep in red alone, for the response matrix.")
+    ] = None
+    green: Annotated[Path | None, Option(help="The same in green.")] = None
+    blue: Annotated[Path | None, Option(help="The same in blue.")] = None
+    color: Annotated[
+        list[str] | None,
+        Option(metavar="NAME=FOLDER", help="The same in any LED color of the scene; repeat it."),
+    ] = None
+
+
+@grouped
 def run(
     flat: Annotated[Path, Option(help="Folder of the sweep with the flat pad.")],
+    additive: Annotated[
+        Path,
+        Option("--linearity", help="Folder of a sweep with all fibers together as well."),
+    ],
     bent: Annotated[
         Path | None, Option(help="Folder of the sweep with the bent pad, where it bends.")
     ] = None,
     bend: Annotated[
         float, Option(min=1.0, max=180.0, help="Total angle of the bent pad in degrees.")
     ] = 90.0,
-    additive: Annotated[
-        Path | None,
-        Option("--linearity", help="Folder of a sweep with all fibers together as well."),
-    ] = None,
-    red: Annotated[
-        Path | None, Option(help="Folder of the flat sweep in red alone, for the response matrix.")
-    ] = None,
-    green: Annotated[Path | None, Option(help="The same in green.")] = None,
-    blue: Annotated[Path | None, Option(help="The same in blue.")] = None,
-    color: Annotated[
-        list[str] | None,
-        Option(metavar="NAME=FOLDER", help="The same in any LED color of the scene; repeat it."),
-    ] = None,
     scene_name: SceneOption = "finger20",
     design: DesignOption = None,
     model: ModelFolder = None,
     out: Annotated[
         Path | None, Option(help="Result directory (default: runs/<scene>-calibrate).")
     ] = None,
-    gamma: Gamma = 1.0,
-    noise: Noise = 2.55,
-    materials: Materials = None,
-    samples: Samples = 1000,
+    *,
+    colors: ColorSweeps,
+    photographs: Photographs,
+    renders: Renders,
     as_json: Json = False,
 ) -> None:
     """Fit material, powers and gains to photographs of single fibers."""
     import numpy as np
 
-    from hw.calibration.calibration import calibrate_sets
     from hw.calibration.material import material_space
-    from hw.camera.photo_set import PhotoSet, load_photo_set
     from hw.errors import CalibrationError
     from optimize.ui.output import check_target
     from render.scene import load_scene
@@ -65,29 +71,30 @@ def run(
                 f"{'--flat alone' if scene.bending.rigid else '--flat and --bent'}",
                 field="bent",
             )
-        named = {"red": red, "green": green, "blue": blue}
-        colors = color_folders(scene.palette.names, named, color or [])
+        named = asdict(colors)
+        in_colors = color_folders(scene.palette.names, named, named.pop("color") or [])
         target = out or Path("runs") / f"{scene.name}-calibrate"
         check_target(target)
+        reader = photographs.reader(scene)
+        photos = [reader.sweep(folder) for folder in (flat, bent) if folder]
+        together, by_color = reader.sweep(additive), [reader.sweep(one) for one in in_colors]
+        # Only now what takes seconds to load.
+        from hw.calibration.calibration import Sweeps, calibrate_sets
 
-        def photos(folder: Path) -> PhotoSet:
-            size, channels = (scene.camera.rows, scene.camera.columns), scene.palette.channels
-            return load_photo_set(folder, *size, gamma, len(channels))
-
-        sets = [photos(folder) for folder in (flat, bent) if folder]
-        extra = [photos(additive)] if additive else []
         result = calibrate_sets(
             scene_name,
-            sets,
-            np.array([0.0, math.radians(bend)][: len(sets)]),
-            linearity_sets=[*extra, *sets],
-            color_sets=[photos(folder) for folder in colors],
+            Sweeps(
+                by_bend=photos,
+                bends=np.array([0.0, math.radians(bend)][: len(photos)]),
+                additive=together,
+                by_color=by_color,
+                noise=photographs.noise,
+            ),
             design=design,
             model=model,
             target=target,
-            noise=noise,
-            materials=materials,
-            samples=samples,
+            materials=renders.materials,
+            samples=renders.samples,
         )
         if as_json:
             print_json(stream, result)

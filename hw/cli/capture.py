@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.options import Lens, SceneOption, Wiring, wired
+from hw.cli.options import Lens, SceneOption, Wiring, grouped
 from optimize.cli.options import DesignArgument
 from optimize.ui.console import ProgressBar, reserved_stdout
 
@@ -25,7 +25,7 @@ TEST_LEVEL = 0.3
 """Power of all LEDs of one color in the self-test."""
 
 
-@wired
+@grouped
 def run(
     path: DesignArgument,
     out: Annotated[Path, Option(help="Folder to write.")],

@@ -6,13 +6,14 @@ Imports numpy, onnxruntime and what reads files; OpenCV and pyserial only for a 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import Option
 
 from hw.cli.capture import live
-from hw.cli.options import Calibrated, Gamma, Lens, Noise, Wiring, wired
+from hw.cli.options import Calibrated, Photographs, Wiring, grouped
 from hw.errors import CaptureError
 from optimize.cli.options import (
     Bend,
@@ -26,11 +27,9 @@ from optimize.cli.options import (
 from optimize.ui.console import note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
-    from hw.camera.photo_set import PhotoSet
     from hw.check.commission import RigRecord
     from hw.check.diagnosis import Diagnosis
     from hw.check.prediction import PadPrediction
-    from render.arrays import Array
     from render.scene import Scene
 
 FRAMES = 16
@@ -39,7 +38,18 @@ FAULTY = 1
 """Exit code of a rig with a fault; 2 is bad input."""
 
 
-@wired
+@dataclass(frozen=True)
+class KnownRig:
+    """What is known of the rig beside its design, as the options of the command line say."""
+
+    rig: Annotated[Path | None, Option(help="Record of the healthy rig, for finer checks.")] = None
+    commissioned: Annotated[
+        Path | None, Option("--commission", help="Write such a record from this sweep.")
+    ] = None
+    calibration: Calibrated = None
+
+
+@grouped
 def run(
     scene_name: SceneName = "finger20",
     design: DesignOption = None,
@@ -47,18 +57,12 @@ def run(
         Path | None, Option(help="Photograph with all fibers lit, or the folder of a sweep.")
     ] = None,
     camera: Annotated[int | None, Option(min=0, help="Number of a live camera.")] = None,
-    lens: Lens = None,
-    rig: Annotated[Path | None, Option(help="Record of the healthy rig, for finer checks.")] = None,
-    commissioned: Annotated[
-        Path | None, Option("--commission", help="Write such a record from this sweep.")
-    ] = None,
-    calibration: Calibrated = None,
     bend: Bend = 0.0,
     state: StateName = None,
-    gamma: Gamma = 1.0,
-    noise: Noise = 2.55,
     model: ModelFolder = None,
     *,
+    photographs: Photographs,
+    known_rig: KnownRig,
     wiring: Wiring,
     as_json: Json = False,
 ) -> None:
@@ -68,7 +72,6 @@ def run(
     import numpy as np
 
     from hw.calibrated_powers import calibrated_powers
-    from hw.camera.photo_set import PhotoSet
     from hw.camera.self_test import check_order
     from hw.check.camera_response import measured_response
     from hw.check.commission import commission, load_record
@@ -95,33 +98,33 @@ def run(
         response = scene.palette.matrix
         prediction = predict(checker, lighting.phi, lighting.drive, number, response)
         spots = SiteSpots(posed, angle)
-        seen: PhotoSet | Array
         if camera is not None:
-            seen = live(scene, lighting, camera, wiring, lens, FRAMES)
+            seen = live(scene, lighting, camera, wiring, photographs.lens, FRAMES)
         else:
             assert capture is not None
-            seen = _read(capture, scene, gamma)
+            reader = photographs.reader(scene)
+            seen = reader.sweep(capture) if capture.is_dir() else reader.together(capture)
         began = time.perf_counter()
-        sweep = isinstance(seen, PhotoSet)
+        rig, commissioned = known_rig.rig, known_rig.commissioned
         record = load_record(rig) if rig else None
         if record is not None:
             record.check_fits(prediction, scene, number)
             prediction = replace(prediction, response=record.response)
         pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
         known = rig_tolerances(
-            sweep=sweep,
+            sweep=bool(seen.alone),
             starts=0 if record is None else record.starts,
-            noise=noise / np.sqrt(pixels),
+            noise=seen.noise(photographs.noise, pixels),
         )
         ratio = None if record is None else record.ratio
         beside = design or (Path(scene_name) if Path(scene_name).is_file() else None)
-        powers = calibrated_powers(calibration, beside, scene.hash, scene.lamp_count)
+        powers = calibrated_powers(known_rig.calibration, beside, scene.hash, scene.lamp_count)
         if record is None and powers is not None:
             # The record of a healthy rig holds its powers already.
             ratio = np.broadcast_to(powers.power[:, None], prediction.cells)
             known = known.with_powers(powers.error)
             note(f"The fibers' powers are those of {powers.path}.")
-        if isinstance(seen, PhotoSet):
+        if seen.alone:
             colors = seen.stacked(prediction.lit, spots.colors)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1), scene.palette)
             if record is None:
@@ -137,30 +140,19 @@ def run(
                     "sweep",
                     field="commission",
                 )
-            colors = spots.colors(seen)
+            assert seen.together is not None
+            colors = spots.colors(seen.together)
             check_order(prediction.together, colors, scene.palette)
             diagnosis = check_image(prediction, colors, known, ratio)
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, diagnosis.to_json())
         else:
-            _write(stream, diagnosis, 1e3 * took, record, sweep, scene.state_word)
+            _write(stream, diagnosis, 1e3 * took, record, bool(seen.alone), scene.state_word)
     if not diagnosis.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
         raise SystemExit(FAULTY)
-
-
-def _read(capture: Path, scene: Scene, gamma: float) -> PhotoSet | Array:
-    from hw.camera.photo_set import check_photo, linear, load_photo_set, read_photo
-
-    rows, columns = scene.camera.rows, scene.camera.columns
-    channels = len(scene.palette.channels)
-    if capture.is_dir():
-        return load_photo_set(capture, rows, columns, gamma, channels)
-    counts = read_photo(capture, channels)
-    check_photo(counts, rows, columns, str(capture))
-    return linear(counts, gamma)
 
 
 def _commission(record: RigRecord, prediction: PadPrediction, scene: Scene, path: Path) -> None:

@@ -10,17 +10,18 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from hw.cli.calibrate import print_calibration
-from hw.cli.options import Materials, Samples, SceneOption
+from hw.cli.options import Renders, SceneOption, grouped
 from optimize.cli.options import Json, ModelFolder, Seed
 from optimize.ui.console import note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
-    from hw.camera.photo_set import PhotoSet
     from hw.check.diagnosis import Diagnosis
 
-DURATION = "about 40 minutes on two cores the first time, and eight from then on"
+MINUTES_PER_LAMP = 2
+"""Of rendering materials and the rig, on two cores: 40 on ``finger20``."""
 
 
+@grouped
 def run(
     scene_name: SceneOption = "finger20",
     out: Annotated[
@@ -31,8 +32,6 @@ def run(
     rig_samples: Annotated[
         int, Option(min=1, help="Light paths per fiber and cell of rendered photographs.")
     ] = 2000,
-    materials: Materials = None,
-    samples: Samples = 1000,
     rays: Annotated[
         int, Option(min=2000, help="Light paths of photographs that are not rendered.")
     ] = 360_000,
@@ -40,14 +39,16 @@ def run(
         Path | None, Option(help="Folder for the rig's photographs and design, to try others on.")
     ] = None,
     calibrate: Annotated[
-        bool, Option(help="Also calibrate, on rendered photographs: the long part.")
-    ] = True,
+        bool, Option(help="Also calibrate, on rendered photographs: half an hour and more.")
+    ] = False,
+    *,
+    renders: Renders,
     as_json: Json = False,
 ) -> None:
     """Run set, sweep, check and calibrate on an emulated rig."""
     import numpy as np
 
-    from hw.calibration.calibration import calibrate_sets
+    from hw.calibration.calibration import Sweeps, calibrate_sets
     from hw.calibration.line_model import surrogate_correction
     from hw.calibration.material import material_space
     from hw.calibration.reference_lines import Setup
@@ -84,7 +85,11 @@ def run(
             save_design(keep / "design.json", design, scene)
         truth = random_parameters(scene, seed)
         if calibrate:
-            note(f"The whole demonstration takes {DURATION}; --no-calibrate leaves the long parts")
+            minutes = MINUTES_PER_LAMP * scene.lamp_count
+            note(
+                f"With calibration this takes about {minutes} minutes on two cores the first time, "
+                f"and {max(minutes // 5, 1)} from then on; without --calibrate it takes one or two"
+            )
             images = render_rig(scene, truth, design, rig_samples)
         else:
             note("Making a rig with secrets: material, powers, directions, camera")
@@ -95,28 +100,24 @@ def run(
         with switched_on(scene, design, truth, images, keep) as rig:
             set_and_sweep(rig)
             checks = check_faults(rig, checker)
-            sets: list[PhotoSet] = []
-            colored: list[PhotoSet] = []
+            sweeps = None
             if calibrate:
                 note("Photographing every fiber, and those of the flat pad in each LED color")
-                sets = rig.calibration_sets()
-                colored = rig.color_sets()
-            additive = [rig.additive_set()] if calibrate or keep else []
+                sweeps = Sweeps(
+                    by_bend=rig.calibration_sets(),
+                    bends=calibration_bends(scene),
+                    by_color=rig.color_sets(),
+                    additive=rig.additive_set(),
+                    noise=truth.imperfections.noise,
+                )
+            elif keep is not None:
+                rig.additive_set()
         result: dict[str, Any] = {}
-        if calibrate:
+        if sweeps is not None:
             result = calibrate_sets(
-                scene_name,
-                sets,
-                calibration_bends(scene),
-                linearity_sets=additive,
-                color_sets=colored,
-                design=None,
-                model=model,
-                target=target,
-                noise=truth.imperfections.noise,
-                materials=materials,
-                samples=samples,
-            )
+                scene_name, sweeps, design=None, model=model, target=target,
+                materials=renders.materials, samples=renders.samples,
+            )  # fmt: skip
             result["truth"] = compare_with_truth(scene, result, truth)
         result["checks"] = {name: diagnosis.to_json() for name, diagnosis in checks.items()}
         result["seconds"] = time.monotonic() - began

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from hw.cli.options import Baud, Calibrated, Port, SpokenProtocol, Wiring, wired
+from hw.cli.options import Baud, Calibrated, Port, SpokenProtocol, Wiring, grouped
 from hw.leds import ProtocolName
 from optimize.cli.options import DesignArgument, Json
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
@@ -38,7 +38,7 @@ def ports(as_json: Json = False) -> None:
             note("No serial port of a USB device: plug the LED board in and ask again.")
 
 
-@wired
+@grouped
 def set_lights(
     path: DesignArgument,
     *,
@@ -70,7 +70,7 @@ def set_lights(
         stream.write("All LEDs are off.\n")
 
 
-@wired
+@grouped
 def sweep_lights(
     path: DesignArgument,
     *,

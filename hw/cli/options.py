@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,32 +14,19 @@ from typer import Option
 from hw.leds import ProtocolName
 
 if TYPE_CHECKING:
+    from hw.camera.photo_reader import PhotoReader
     from hw.leds.fiber_lights import FiberLights
+    from render.scene import Scene
 
 SceneOption = Annotated[str, Option("--scene", help="Name of a shipped scene, or a TOML file.")]
 Lens = Annotated[
-    Path | None, Option(help="Fisheye lens, a TOML file (default: photographs are pinhole).")
+    Path | None,
+    Option(help="File of the camera's lens (default: photographs are the scene's camera's)."),
 ]
-Gamma = Annotated[float, Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")]
-Noise = Annotated[float, Option(min=0.01, help="Noise of one pixel of the photographs, in counts.")]
 Calibrated = Annotated[
     Path | None,
     Option("--calibration", help="calibration.json (default: one beside the design or scene)."),
 ]
-Samples = Annotated[
-    int, Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders).")
-]
-Materials = Annotated[
-    int | None,
-    Option(
-        min=1,
-        max=64,
-        help="Materials rendered once for all rigs of a design, and kept "
-        "(default: 32 behind a diffuser, 16 on a clear pad).",
-    ),
-]
-
-
 Port = Annotated[
     str | None, Option(help="Serial port (default: the only one; see `tactilux hw ports`).")
 ]
@@ -77,21 +64,66 @@ class Wiring:
         return FiberLights(connect, channels, PowerLimits(total_milliamperes=self.limit_ma))
 
 
-def wired(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of a `Wiring` in place of its parameter ``wiring``."""
-    options = {
-        name: option.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, option in inspect.signature(Wiring, eval_str=True).parameters.items()
-    }
+@dataclass(frozen=True)
+class Photographs:
+    """How photographs were taken, as the options of the command line say."""
+
+    lens: Lens = None
+    full_scale: Annotated[
+        float | None,
+        Option(min=1e-6, help="Value at which the camera saturates, like 4095 (default: found)."),
+    ] = None
+    gamma: Annotated[
+        float, Option(min=0.2, max=5.0, help="Gamma of the photographs (1: linear).")
+    ] = 1.0
+    noise: Annotated[
+        float, Option(min=0.01, help="Noise of one pixel of the photographs, in counts of 255.")
+    ] = 2.55
+
+    def reader(self, scene: Scene) -> PhotoReader:
+        """Return what reads photographs of the camera of ``scene``."""
+        from hw.camera.photo_reader import PhotoReader
+
+        return PhotoReader(scene, self.lens, self.full_scale, self.gamma)
+
+
+@dataclass(frozen=True)
+class Renders:
+    """The renders that correct a calibration, as the options of the command line say."""
+
+    materials: Annotated[
+        int | None,
+        Option(
+            min=1,
+            max=64,
+            help="Materials rendered once for all rigs of a design, and kept "
+            "(default: 32 behind a diffuser, 16 on a clear pad).",
+        ),
+    ] = None
+    samples: Annotated[
+        int, Option(min=0, help="Light paths per fiber and cell of all renders (0: no renders).")
+    ] = 1000
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of each dataclass among its parameters in that one's place."""
     signature = inspect.signature(command, eval_str=True)
+    groups: dict[str, tuple[type, list[inspect.Parameter]]] = {}
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
-        parameters += options.values() if name == "wiring" else [parameter]
+        kind = parameter.annotation
+        options = [parameter]
+        if is_dataclass(kind) and isinstance(kind, type):
+            declared = inspect.signature(kind, eval_str=True).parameters.values()
+            options = [option.replace(kind=inspect.Parameter.KEYWORD_ONLY) for option in declared]
+            groups[name] = kind, options
+        parameters += options
 
     @functools.wraps(command)
     def run(**values: Any) -> None:
-        wiring = Wiring(**{name: values.pop(name) for name in options})
-        command(**values, wiring=wiring)
+        for name, (kind, options) in groups.items():
+            values[name] = kind(**{option.name: values.pop(option.name) for option in options})
+        command(**values)
 
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return run

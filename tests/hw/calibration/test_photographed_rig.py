@@ -12,8 +12,8 @@ from hw.calibration.calibration import render_report, told
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.measurement import Measurement
 from hw.calibration.reference_lines import Setup
-from hw.calibration.rig_fit import Calibration, fit_rig, measure, require_linearity
-from hw.camera.linearity import Linearity
+from hw.calibration.rig_fit import Calibration, fit_rig, measure
+from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
@@ -85,7 +85,7 @@ def test_the_report_overlays_curves_and_says_what_cannot_be_separated(
 
 def test_a_linear_camera_may_be_calibrated_on(camera_scene: Scene) -> None:
     _, additive, _ = taken(camera_scene, replace(IMPERFECTIONS, noise=1.0))
-    assert require_linearity([additive], 1.0).cause == "none"
+    assert linearity(additive, 1.0).cause == "none"
 
 
 def test_a_gamma_is_refused(camera_scene: Scene) -> None:
@@ -97,13 +97,13 @@ def test_a_gamma_is_refused(camera_scene: Scene) -> None:
 
     alone = {fiber: encoded(photo) for fiber, photo in additive.alone.items()}
     with pytest.raises(CalibrationError, match="gamma"):
-        require_linearity([PhotoSet(alone, encoded(additive.together))], 0.2)
+        linearity(PhotoSet(alone, encoded(additive.together)), 0.2).require()
 
 
 def test_a_sweep_without_all_fibers_together_is_refused(camera_scene: Scene) -> None:
     sets, _, _ = taken(camera_scene, IMPERFECTIONS)
-    with pytest.raises(CalibrationError, match="--linearity"):
-        require_linearity(sets, 2.55)
+    with pytest.raises(CalibrationError, match="no photograph of all fibers together"):
+        linearity(sets[0], 2.55)
 
 
 def test_a_dark_fiber_raises_one_clear_error(camera_scene: Scene, table: MaterialTable) -> None:

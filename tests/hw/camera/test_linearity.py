@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from hw.camera.linearity import linearity
-from hw.camera.photo_set import DARK_FRAMES
+from hw.camera.photo_set import DARK_FRAMES, PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
 
 
 def sweep(
     gamma: float = 1.0, noise: float = 0.0, exposure: float = 1.0, bright: float = 180.0
-) -> tuple[Array, Array]:
+) -> PhotoSet:
     """Return 8 fibers' photographs and one of all, as such a camera takes them."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[0:96, 0:64] / 64.0
@@ -28,13 +28,13 @@ def sweep(
         return np.asarray(np.clip(np.rint(encoded + 8), 0, 255))
 
     dark = photo(0 * light[0], DARK_FRAMES)
-    alone = np.stack([photo(part) - dark for part in light])
-    return alone, photo(exposure * light.sum(axis=0)) - dark
+    alone = {fiber: photo(part) - dark for fiber, part in enumerate(light)}
+    return PhotoSet(alone, photo(exposure * light.sum(axis=0)) - dark)
 
 
 @pytest.mark.parametrize("noise", [0.0, 2.55])
 def test_a_linear_camera_passes(noise: float) -> None:
-    found = linearity(*sweep(noise=noise), noise=noise)
+    found = linearity(sweep(noise=noise), noise=noise)
     found.require()
     assert found.cause == "none"
     assert found.residual < 0.02
@@ -42,7 +42,7 @@ def test_a_linear_camera_passes(noise: float) -> None:
 
 @pytest.mark.parametrize("gamma", [0.8, 1.3, 2.2])
 def test_a_gamma_is_named(gamma: float) -> None:
-    found = linearity(*sweep(gamma=gamma), noise=0.0)
+    found = linearity(sweep(gamma=gamma), noise=0.0)
     assert found.cause == "gamma"
     assert found.gamma == pytest.approx(gamma, rel=0.1)
     with pytest.raises(CalibrationError, match="--gamma"):
@@ -50,7 +50,7 @@ def test_a_gamma_is_named(gamma: float) -> None:
 
 
 def test_automatic_exposure_is_named() -> None:
-    found = linearity(*sweep(exposure=0.6), noise=0.0)
+    found = linearity(sweep(exposure=0.6), noise=0.0)
     assert found.cause == "exposure"
     assert found.exposure == pytest.approx(0.6, abs=0.02)
     with pytest.raises(CalibrationError, match="automatic exposure"):
@@ -58,7 +58,7 @@ def test_automatic_exposure_is_named() -> None:
 
 
 def test_clipping_is_named() -> None:
-    found = linearity(*sweep(bright=400.0))
+    found = linearity(sweep(bright=400.0))
     assert found.cause == "clipping"
     with pytest.raises(CalibrationError, match="clipped"):
         found.require()
@@ -66,4 +66,4 @@ def test_clipping_is_named() -> None:
 
 def test_darkness_is_refused() -> None:
     with pytest.raises(CalibrationError, match="raise the exposure"):
-        linearity(*sweep(bright=5.0))
+        linearity(sweep(bright=5.0))

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hw.camera.photo_set import PhotoSet, check_photo, linear, read_photo
+from hw.camera.full_scale import full_scale, in_counts
+from hw.camera.photo_file import read_photo
+from hw.camera.photo_set import PhotoSet, check_photo, linear
 from hw.errors import CaptureError
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (6, 4, 3)).astype(np.uint8)
@@ -16,13 +18,13 @@ PIXELS = np.random.default_rng(0).integers(0, 256, (6, 4, 3)).astype(np.uint8)
 
 def test_a_png_keeps_its_channels_and_rows(tmp_path: Path) -> None:
     Image.fromarray(PIXELS).save(tmp_path / "a.png")
-    assert np.array_equal(read_photo(tmp_path / "a.png"), PIXELS)
+    assert np.array_equal(read_photo(tmp_path / "a.png").pixels, PIXELS)
 
 
 def test_an_opaque_alpha_channel_is_dropped(tmp_path: Path) -> None:
     opaque = np.concatenate([PIXELS, np.full_like(PIXELS[..., :1], 255)], axis=-1)
     Image.fromarray(opaque).save(tmp_path / "a.png")
-    assert np.array_equal(read_photo(tmp_path / "a.png"), PIXELS)
+    assert np.array_equal(read_photo(tmp_path / "a.png").pixels, PIXELS)
     opaque[0, 0, 3] = 254
     Image.fromarray(opaque).save(tmp_path / "a.png")
     with pytest.raises(CaptureError, match="transparent in places"):
@@ -34,7 +36,9 @@ def test_an_opaque_alpha_channel_is_dropped(tmp_path: Path) -> None:
 )
 def test_an_array_is_read_in_counts(tmp_path: Path, kind: type[np.generic], scale: float) -> None:
     np.save(tmp_path / "a.npy", (PIXELS * scale).astype(kind))
-    np.testing.assert_allclose(read_photo(tmp_path / "a.npy"), PIXELS)
+    photo = read_photo(tmp_path / "a.npy")
+    full = full_scale({tmp_path / "a.npy": photo})
+    np.testing.assert_allclose(in_counts(photo, full), PIXELS)
 
 
 def test_gamma_is_undone() -> None:
@@ -111,12 +115,13 @@ GRAY = PIXELS[..., :1]
 def test_a_gray_camera_has_gray_pictures(tmp_path: Path, kind: type[np.generic]) -> None:
     scale = 257 if kind is np.uint16 else 1
     Image.fromarray((GRAY[..., 0].astype(kind) * scale).astype(kind)).save(tmp_path / "a.png")
-    np.testing.assert_allclose(read_photo(tmp_path / "a.png", 1), GRAY)
+    found = read_photo(tmp_path / "a.png", 1).pixels
+    np.testing.assert_array_equal(found, GRAY.astype(kind) * scale)
 
 
 def test_a_gray_picture_with_three_channels_alike_is_gray(tmp_path: Path) -> None:
     Image.fromarray(np.repeat(GRAY, 3, axis=-1)).save(tmp_path / "a.png")
-    assert np.array_equal(read_photo(tmp_path / "a.png", 1), GRAY)
+    assert np.array_equal(read_photo(tmp_path / "a.png", 1).pixels, GRAY)
     Image.fromarray(PIXELS).save(tmp_path / "a.png")
     with pytest.raises(CaptureError, match="it has colors, channels that differ by"):
         read_photo(tmp_path / "a.png", 1)
@@ -126,8 +131,8 @@ def test_arrays_have_any_number_of_channels(tmp_path: Path) -> None:
     many = np.repeat(PIXELS, 2, axis=-1)[..., :5]
     np.save(tmp_path / "a.npy", many)
     np.save(tmp_path / "b.npy", GRAY[..., 0])
-    assert np.array_equal(read_photo(tmp_path / "a.npy", 5), many)
-    assert np.array_equal(read_photo(tmp_path / "b.npy", 1), GRAY)
+    assert np.array_equal(read_photo(tmp_path / "a.npy", 5).pixels, many)
+    assert np.array_equal(read_photo(tmp_path / "b.npy", 1).pixels, GRAY)
     with pytest.raises(CaptureError, match=r"shape \(6, 4, 5\), allowed: \(rows, columns, 4\)"):
         read_photo(tmp_path / "a.npy", 4)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from hw.cli.capture import only_light
 from optimize.design import baseline_design, save_design
 from render.scene import RGB, load_scene
 from tests.conftest import Run
+from tests.hw.cli.conftest import ROOT
 
 SIZE = (360, 600)
 
@@ -50,7 +53,8 @@ def test_a_gamma_is_an_error_until_it_is_given(tactilux: Run, tmp_path: Path) ->
 
 def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
     folder = sweep(tmp_path / "a", gamma=2.2)
-    result = tactilux("hw", "calibrate", "--flat", folder, "--bent", folder, "--noise", "0.3")
+    result = tactilux("hw", "calibrate", "--flat", folder, "--bent", folder,
+                      "--linearity", folder, "--noise", "0.3")  # fmt: skip
     assert result.code == 2
     assert "light does not add up" in result.err
     assert not (tmp_path / "runs").exists()
@@ -60,7 +64,7 @@ def test_calibration_refuses_a_gamma(tactilux: Run, tmp_path: Path) -> None:
     ("arguments", "said"),
     [
         (("--flat", "none", "--bent", "none"), "not a folder"),
-        (("--flat", "plain", "--bent", "plain"), "--linearity"),
+        (("--flat", "plain", "--bent", "plain"), "no photograph of all fibers together"),
         (("--flat", "plain", "--bent", "plain", "--scene", "none"), "there is no scene"),
         (
             ("--flat", "plain", "--bent", "plain", "--red", "plain"),
@@ -77,10 +81,32 @@ def test_what_cannot_be_calibrated_raises_one_clear_error(
     tactilux: Run, tmp_path: Path, arguments: tuple[str, ...], said: str
 ) -> None:
     sweep(tmp_path / "plain", together=False)
-    result = tactilux("hw", "calibrate", *arguments)
+    result = tactilux("hw", "calibrate", *arguments, "--linearity", "plain")
     assert result.code == 2
     assert said in result.err
     assert result.err.count("\n") == 1
+
+
+def test_calibration_without_a_test_of_linearity_is_refused_before_anything_is_loaded() -> None:
+    code = (
+        "import sys; sys.argv = ['tactilux', 'hw', 'calibrate', '--flat', 'x', '--bent', 'x']\n"
+        "from hw.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as end: print(end.code, *sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    said, *loaded = done.stdout.split()
+    assert said == "2"
+    assert "--linearity" in done.stderr
+    assert "hw.calibration" not in loaded
+    assert "scipy" not in loaded
+
+
+def test_help_says_that_calibration_needs_a_test_of_linearity(tactilux: Run) -> None:
+    said = tactilux("hw", "calibrate", "--help").out
+    assert "[required]" in said.partition("--linearity")[2].partition("--bent ")[0]
 
 
 def test_a_capture_in_a_color_that_no_led_has_raises_one_clear_error(

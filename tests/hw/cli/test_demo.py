@@ -25,9 +25,11 @@ def test_the_demonstration_recovers_the_rigs_true_values(
         "hw.emulator.demonstration.rendered_images",
         lambda setup, truth, *_, **__: toy_images(setup.scene, truth.material, 200, 120),
     )
-    result = tactilux("hw", "demo", "--samples", "0", "--out", tmp_path / "demo", "--json")
+    result = tactilux(
+        "hw", "demo", "--calibrate", "--samples", "0", "--out", tmp_path / "demo", "--json"
+    )
     assert result.code == 0, result.err
-    assert "The whole demonstration takes" in result.err
+    assert "With calibration this takes about 40 minutes" in result.err
     said = json.loads(result.out)
     assert {name: check["ok"] for name, check in said["checks"].items()} == {
         "healthy": True,
@@ -47,7 +49,7 @@ def test_the_demonstration_without_calibration_runs_on_a_clear_pad_of_three_lamp
     tactilux: Run, tmp_path: Path
 ) -> None:
     # Without a record one healthy rig in twenty is unclear (2 of 37 seeds), that of seed 0 is one.
-    result = tactilux("hw", "demo", "--scene", "digit", "--no-calibrate", "--seed", "1", "--json")
+    result = tactilux("hw", "demo", "--scene", "digit", "--seed", "1", "--json")
     assert result.code == 0, result.err
     said = json.loads(result.out)["checks"]
     found = {name: [fiber["state"] for fiber in check["fibers"]] for name, check in said.items()}
@@ -67,7 +69,8 @@ def test_the_demonstration_runs_on_a_skin_with_an_albedo_per_channel(
         monkeypatch.setattr(
             f"{place}.open_model", lambda scene, *_, **__: preview_checker(scene, coarse=True)
         )
-    result = tactilux("hw", "demo", "--scene", tinted_digit(tmp_path), "--rig-samples", "300",
+    result = tactilux("hw", "demo", "--calibrate", "--scene", tinted_digit(tmp_path),
+                      "--rig-samples", "300",
                       "--samples", "0", "--out", tmp_path / "demo", "--json")  # fmt: skip
     assert result.code == 0, result.err
     said = json.loads(result.out)
@@ -94,7 +97,8 @@ def test_the_demonstration_runs_on_a_skin_with_an_albedo_per_channel(
 def test_the_demonstration_calibrates_a_rigid_clear_pad_of_three_lamps(
     tactilux: Run, tmp_path: Path
 ) -> None:
-    result = tactilux("hw", "demo", "--scene", "digit", "--rig-samples", "300", "--samples", "0",
+    result = tactilux("hw", "demo", "--calibrate", "--scene", "digit",
+                      "--rig-samples", "300", "--samples", "0",
                       "--out", tmp_path / "demo", "--json")  # fmt: skip
     assert result.code == 0, result.err
     said = json.loads(result.out)
@@ -118,7 +122,7 @@ def test_calibration_of_a_curved_skin_raises_one_clear_error_before_anything_is_
     tactilux: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("optimize.scoring.open_model", lambda *_, **__: pytest.fail("drawn"))
-    result = tactilux("hw", "demo", "--scene", "digit-dome")
+    result = tactilux("hw", "demo", "--calibrate", "--scene", "digit-dome")
     assert result.code == 2
     assert "scene digit-dome has a curved skin" in result.err
     assert result.err.count("\n") == 1
