@@ -23,6 +23,8 @@ from hw.calibration.response import Response, measured_response, skin_color
 from hw.calibration.rig_fit import Calibration, fit_rig, measure
 from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
+from hw.check.orientation import check_orientation
+from hw.check.prediction import SiteSpots, predict
 from hw.errors import CalibrationError
 from optimize.design import baseline_design, load_design
 from optimize.report import data_uri, drawing, png_bytes, render_page
@@ -77,6 +79,14 @@ def calibrate_sets(
     additivity = linearity(sweeps.additive, sweeps.noise)
     additivity.require()
     checker = open_model(scene, model)
+    for bend, photos in zip(sweeps.bends.tolist(), sweeps.by_bend, strict=True):
+        fibers = sorted(photos.alone)
+        # All LEDs of a fiber were lit; brightness alone says which way up it was seen.
+        light = predict(
+            checker, lighting.phi, np.ones(lighting.drive.shape), bend, scene.palette.matrix
+        ).alone[fibers]
+        seen = np.stack([photos.alone[fiber] for fiber in fibers])
+        check_orientation(light, seen, SiteSpots(scene, bend))
     with ProgressBar("Drawing materials") as bar:
         lines = line_model(setup, checker, bar)
     measurements = measure(setup, sweeps.by_bend, sweeps.noise)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -29,8 +30,9 @@ from optimize.ui.console import note, print_json, reserved_stdout
 if TYPE_CHECKING:
     from hw.check.commission import RigRecord
     from hw.check.diagnosis import Diagnosis
-    from hw.check.prediction import PadPrediction
-    from render.scene import Scene
+    from hw.check.prediction import PadPrediction, SiteSpots
+    from render.arrays import Array
+    from render.scene import Palette, Scene
 
 FRAMES = 16
 """Photographs that are averaged for each fiber of a live sweep: ten seconds at 30 a second."""
@@ -76,6 +78,7 @@ def run(
     from hw.check.camera_response import measured_response
     from hw.check.commission import commission, load_record
     from hw.check.image_check import check_image
+    from hw.check.orientation import check_orientation
     from hw.check.prediction import SiteSpots, predict
     from hw.check.rig_tolerances import rig_tolerances
     from hw.check.sweep_check import check_sweep
@@ -126,6 +129,9 @@ def run(
             note(f"The fibers' powers are those of {powers.path}.")
         if seen.alone:
             colors = seen.stacked(prediction.lit, spots.colors)
+            lit = np.flatnonzero(prediction.lit)
+            alone = np.stack([seen.alone[fiber] for fiber in lit.tolist()])
+            check_orientation(prediction.alone[lit], alone, spots)
             check_order(prediction.alone.sum(axis=1), colors.sum(axis=1), scene.palette)
             if record is None:
                 prediction = replace(prediction, response=measured_response(prediction, colors))
@@ -142,7 +148,7 @@ def run(
                 )
             assert seen.together is not None
             colors = spots.colors(seen.together)
-            check_order(prediction.together, colors, scene.palette)
+            _check_one(prediction, seen.together, spots, scene.palette)
             diagnosis = check_image(prediction, colors, known, ratio)
         took = time.perf_counter() - began
         if as_json:
@@ -153,6 +159,27 @@ def run(
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
         raise SystemExit(FAULTY)
+
+
+def _check_one(prediction: PadPrediction, photo: Array, spots: SiteSpots, palette: Palette) -> None:
+    """Refuse one photograph of all fibers that is turned, or whose channels are swapped.
+
+    Where left is red and right is blue both look alike, so both are named.
+    """
+    from hw.camera.self_test import check_order
+    from hw.check.orientation import check_orientation
+
+    problems = []
+    for check in (
+        partial(check_order, prediction.together, spots.colors(photo), palette),
+        partial(check_orientation, prediction.together[None], photo[None], spots),
+    ):
+        try:
+            check()
+        except CaptureError as error:
+            problems.append(error)
+    if problems:
+        raise CaptureError("; or ".join(map(str, problems)), field=problems[0].field)
 
 
 def _commission(record: RigRecord, prediction: PadPrediction, scene: Scene, path: Path) -> None:

@@ -66,3 +66,36 @@ def test_twelve_bits_are_judged_and_refused_as_eight_are(
     clipped = tactilux("check", "--capture", resaved(sweeps["healthy"], tmp_path / "b", deep(8.0)))
     assert clipped.code == 2
     assert "is over-exposed in" in clipped.err
+
+
+WAYS = [
+    (lambda p: p[::-1, ::-1], "upside down"),
+    (lambda p: p[:, ::-1], "mirrored left to right"),
+    (lambda p: p[::-1], "mirrored top to bottom"),
+]
+
+
+@pytest.mark.parametrize(("way", "said"), WAYS)
+def test_a_sweep_that_is_turned_is_named_even_where_a_fiber_is_dead(
+    tactilux: Run, tmp_path: Path, sweeps: dict[str, Path], way: Callable[[Array], Array], said: str
+) -> None:
+    def turned(pixels: Array, path: Path) -> None:
+        Image.fromarray(np.ascontiguousarray(way(pixels))).save(f"{path}.png", compress_level=1)
+
+    result = tactilux("check", "--capture", resaved(sweeps["faulty"], tmp_path / "a", turned))
+    assert result.code == 2
+    assert f"the photographs are {said}, allowed: row 0 towards the tip" in result.err
+    assert result.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("way", "said"), WAYS)
+def test_one_photograph_that_is_turned_is_named(
+    tactilux: Run, tmp_path: Path, fiber_photos: Array, way: Callable[[Array], Array], said: str
+) -> None:
+    together = fiber_photos.sum(axis=0)
+    pixels = np.rint(way(together * 200 / together.max())).astype(np.uint8)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(tmp_path / "all.png")
+    result = tactilux("check", "--capture", tmp_path / "all.png")
+    assert result.code == 2
+    assert f"the photographs are {said}" in result.err
+    assert result.err.count("\n") == 1
