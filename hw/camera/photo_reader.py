@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hw.camera.full_scale import FULL_SCALE, check_exposure, full_scale, in_counts
+from hw.camera.lens import load_lens
 from hw.camera.photo_file import Photo, read_photo
 from hw.camera.photo_set import (
     SAVED_SCALE,
@@ -23,7 +24,7 @@ from hw.camera.photo_set import (
     linear,
     photo_set,
 )
-from hw.camera.projection import Dewarp, load_lens
+from hw.camera.projection import Dewarp
 from hw.errors import CaptureError
 from optimize.ui.console import note
 from optimize.ui.output import MANIFEST
@@ -81,6 +82,10 @@ class PhotoReader:
         own = read_json(folder / MANIFEST)
         listed = set(own.get("files", ()))
         written = {path.name for path in named.values()} <= listed and "photographs" in own
+        if written and self.lens and own.get("dewarped"):
+            raise CaptureError(
+                f"{folder} was captured with its lens undone: leave --lens out", field="lens"
+            )
         scale = SAVED_SCALE if written else self.full_scale
         photos = {path: self._photo(path) for path in named.values()}
         counts, lost = self._counts(photos, scale)

@@ -149,10 +149,10 @@ SAVED_SCALE = 65535
 """Full scale of photographs that this program wrote."""
 
 
-def save_photos(photos: dict[str, Array], out: Path) -> None:
+def save_photos(photos: dict[str, Array], out: Path, *, dewarped: bool = False) -> None:
     """Write photographs as 16-bit ``.npy`` files into a new folder.
 
-    They are counts ``(row, column, channel)``.
+    They are counts ``(row, column, channel)``; a lens was undone where they are ``dewarped``.
 
     Raises:
         OutputError: the folder holds something else.
@@ -163,7 +163,7 @@ def save_photos(photos: dict[str, Array], out: Path) -> None:
         for name, photo in photos.items():
             levels = np.rint(photo * (SAVED_SCALE / FULL_SCALE)).astype(np.uint16)
             np.save(folder / f"{name}.npy", levels)
-        write_manifest(folder, {"photographs": len(photos)})
+        write_manifest(folder, {"photographs": len(photos), "dewarped": dewarped})
 
 
 def check_dark(dark: Array, name: str) -> None:

@@ -1,23 +1,15 @@
-"""Where on the pad the pixels of the scene's camera look, and photographs of a lens made its own.
-
-A lens is a TOML file (``hw/README.md``), as `cv2.fisheye.calibrate` finds it.
-"""
+"""Where on the pad the scene's camera looks, and photographs of a lens made its own."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
+from hw.camera.lens import Lens
 from hw.errors import CalibrationError, CaptureError
 from render.arrays import Array
-from render.files import parse_toml, read_text
 from render.geometry import (
     SkinChart,
     camera_origin,
@@ -26,10 +18,11 @@ from render.geometry import (
     pixel_directions,
     refract_into_pad,
 )
-from render.refused_values import problem_sentence, value_place
 from tactilux import Scene
 
 NEWTON_STEPS = 12
+MAX_MISSED = 0.02
+"""Part of the flat pad that may lie outside a lens's photograph."""
 TOLERANCE_MM = 1e-3
 """Newton steps stop when all points are met this well (mm)."""
 
@@ -119,82 +112,29 @@ def pixels_of(scene: Scene, bend: float, points: Array, rows: int, columns: int)
     return np.where(wanted & ((away < 10 * TOLERANCE_MM) & inside)[:, None], pixel, np.nan)
 
 
-Size = Annotated[int, Field(gt=0)]
-Focal = Annotated[float, Field(gt=0.0)]
-
-
-@dataclass(frozen=True)
-class Lens:
-    """A fisheye lens: theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
-
-    Arguments:
-        columns, rows: size of its photographs.
-        focal, center: pixels, along x and y.
-        distortion: k1 to k4.
-    """
-
-    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
-
-    columns: Size
-    rows: Size
-    focal: tuple[Focal, Focal]
-    center: tuple[float, float]
-    distortion: tuple[float, float, float, float]
-
-    def positions(self, directions: Array) -> Array:
-        """Return where directions ``(..., 3)`` (right, down, ahead) appear, ``(..., 2)`` pixels.
-
-        Positions count from the middle of the first pixel, as in OpenCV.
-        """
-        side = np.hypot(directions[..., 0], directions[..., 1])
-        theta = np.arctan2(side, directions[..., 2])
-        powers = theta[..., None] ** [2, 4, 6, 8]
-        bent = theta * (1.0 + powers @ np.array(self.distortion))
-        scale = (bent / np.where(side > 0, side, 1.0))[..., None]
-        return np.asarray(self.center + self.focal * (scale * directions[..., :2]))
-
-
-def load_lens(path: Path) -> Lens:
-    """Return the lens in a TOML file.
-
-    Raises:
-        CaptureError: unreadable, or a key is missing, unknown or out of range.
-    """
-    try:
-        raw = _content(path)
-        # In JSON, lists are tuples and numbers are what they are.
-        return TypeAdapter(Lens).validate_json(json.dumps(raw, default=str))
-    except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        key = value_place(problem)
-        reason = f"is no lens: {problem_sentence(problem)}; correct the file"
-    raise CaptureError(f"{path} {reason}", field=key)
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        text = read_text(path)
-    except ValueError as error:
-        raise CaptureError(
-            f"{path} {error}; give the TOML file of the lens", field="lens"
-        ) from None
-    try:
-        return parse_toml(text)
-    except ValueError as error:
-        raise CaptureError(
-            f"{path} cannot be read as a lens: {error}; give the TOML file of the lens",
-            field="lens",
-        ) from None
-
-
 class Dewarp:
     """Turns photographs of a lens into those of the scene's camera; maps are made once."""
 
     def __init__(self, lens: Lens, scene: Scene) -> None:
+        """Make the maps.
+
+        Raises:
+            CaptureError: the lens does not show the pad.
+        """
         self._lens = lens
         columns, rows = scene.camera.columns, scene.camera.rows
         row, column = np.meshgrid(np.arange(rows) + 0.5, np.arange(columns) + 0.5, indexing="ij")
         where = lens.positions(lens_directions(scene, columns, rows, column, row))
+        shows = np.isfinite(pad_positions(scene, 0.0, rows, columns)[..., 0])
+        inside = (where > -0.5) & (where < [lens.columns - 0.5, lens.rows - 0.5])
+        missed = float((shows & ~inside.all(axis=-1)).sum() / max(shows.sum(), 1))
+        if missed > MAX_MISSED:
+            raise CaptureError(
+                f"through this lens {missed:.0%} of the pad lie outside the photograph or where "
+                f"its distortion is not known, allowed: at most {MAX_MISSED:.0%}; calibrate the "
+                "lens over the whole picture, or see that it is this camera's",
+                field="lens",
+            )
         self._x, self._y = where[..., 0].astype(np.float32), where[..., 1].astype(np.float32)
 
     def __call__(self, photo: Array) -> Array:

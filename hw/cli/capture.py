@@ -61,7 +61,7 @@ def run(
         if white is not None or color is not None:
             only = only_light(white, color, scene.palette.names)
         photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, only)
-        save_photos(photos, out)
+        save_photos(photos, out, dewarped=lens is not None)
         stream.write(f"{len(photos)} photographs: {out}\n")
 
 
@@ -81,9 +81,10 @@ def sweep_photos(
     """
     import numpy as np
 
+    from hw.camera.lens import load_lens
     from hw.camera.opencv_camera import OpenCVCamera
     from hw.camera.photo_set import check_photo, take_sweep
-    from hw.camera.projection import Dewarp, load_lens
+    from hw.camera.projection import Dewarp
     from hw.camera.self_test import self_test
 
     prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray

@@ -49,7 +49,7 @@ PACKAGES = {
                 "trimesh"),
     "train": ("cryptography", "dask", "distributed", "drjit", "mitsuba", "onnx", "sklearn",
               "torch"),
-    "hw": ("cv2", "serial"),
+    "hw": ("cv2", "serial", "yaml"),
 }  # fmt: skip
 """What the extras of pyproject.toml install, by the names that are imported."""
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hw.camera.projection import Dewarp, load_lens
+from hw.camera.lens import load_lens
+from hw.camera.projection import Dewarp
 from hw.errors import CaptureError
 from render.geometry import pixel_directions
 from render.scene import load_scene
