@@ -20,7 +20,10 @@ from optimize.cli import PACKAGES
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
-IMPORTED_AS = {"opencv-python-headless": "cv2", "pyserial": "serial", "scikit-learn": "sklearn"}
+IMPORTED_AS = {
+    "opencv-python-headless": "cv2", "pyserial": "serial", "pyyaml": "yaml",
+    "scikit-learn": "sklearn",
+}  # fmt: skip
 
 
 def pinned() -> dict[str, str]:

@@ -5,6 +5,7 @@ Read from our own TOML, from the YAML of OpenCV, or from ROS's camera_info (``hw
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -177,9 +178,14 @@ def _lens(raw: Mapping[str, Any]) -> Lens:
     return Lens(columns, rows, (focal[0], focal[1]), (center[0], center[1]), distortion, model)
 
 
+def _shown(value: Any) -> str:
+    """Return a file's value as a sentence shows it."""
+    return "missing" if value is None else json.dumps(value, default=str)[:60]
+
+
 def _size(part: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 65536:
-        raise ValueError(f"{part} is {value!r}, allowed: 1 to 65536 pixels")
+        raise ValueError(f"{part} is {_shown(value)}, allowed: 1 to 65536 pixels")
     return value
 
 
@@ -189,7 +195,7 @@ def _numbers(part: str, value: Any, counts: tuple[int, ...]) -> tuple[float, ...
     found = tuple(_floats(value)) if isinstance(value, list) else ()
     if len(found) not in counts or not all(map(math.isfinite, found)):
         said = " or ".join(map(str, counts))
-        raise ValueError(f"{part} is {value!r:.60}, allowed: a list of {said} finite numbers")
+        raise ValueError(f"{part} is {_shown(value)}, allowed: a list of {said} finite numbers")
     return found
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 HEAVY = {"numpy", "pydantic", "torch", "mitsuba", "cma", "numba", "matplotlib", "onnxruntime"}
-HEAVY |= {"scipy", "rich", "moderngl", "cv2", "serial"}
+HEAVY |= {"scipy", "rich", "moderngl", "cv2", "serial", "yaml"}
 
 
 def test_nothing_heavy_is_imported_before_a_command_runs() -> None:
