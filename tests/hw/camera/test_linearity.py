@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,3 +69,15 @@ def test_clipping_is_named() -> None:
 def test_darkness_is_refused() -> None:
     with pytest.raises(CalibrationError, match="raise the exposure"):
         linearity(sweep(bright=5.0))
+
+
+def test_compression_is_named_where_it_explains_the_residual() -> None:
+    photos = sweep(exposure=0.97)
+    linearity(replace(photos, compression=np.zeros(3)), noise=0.0)
+    lossy = linearity(replace(photos, compression=np.full(3, 1.5)), noise=0.0)
+    assert lossy.cause == "compression"
+    with pytest.raises(CalibrationError, match="save them as PNG"):
+        lossy.require()
+    # What compression cannot explain keeps its own name.
+    coded = linearity(replace(sweep(gamma=2.2), compression=np.full(3, 1.5)), noise=0.0)
+    assert coded.cause == "gamma"
