@@ -20,8 +20,9 @@ import tomllib
 import uuid
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -42,6 +43,9 @@ SEALED = re.compile(rb'"seal"|[0-9a-f]{64}"\}\s*\Z')
 """What shows of a seal at the end of a JSON file, whichever of its bits is turned."""
 SEAL_OF_ARCHIVE = b"sha256 "
 """Begin of an archive's seal; its length shows too where one bit of it is turned."""
+MEGABYTE = 1_000_000
+MOST_TEXT = 16 * MEGABYTE
+"""Bytes of a text that a person wrote; scenes have some thousand."""
 SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 """Of handles and memory, which other programs take."""
 DAMAGE = (
@@ -136,13 +140,22 @@ def sync_folder(folder: Path) -> None:
 
 
 def read_bytes(path: Path, most: int = LARGEST) -> bytes:
-    """Return the content of a file that somebody named, of ``most`` bytes.
+    """Return the content of a file that somebody named, of at ``most`` so many bytes.
 
     Raises:
         OSError: it cannot be read, is larger, or is no file; see `refuse_endless`.
     """
     refuse_endless(path, most)
-    return path.read_bytes()
+    with path.open("rb") as stream:
+        content = stream.read(most + 1)
+    if len(content) > most:  # a pipe says no size
+        raise _too_large(path, "more", most)
+    return content
+
+
+def _too_large(path: Path, size: str, most: int) -> OSError:
+    said = f"it has {size} bytes, allowed: up to {most:,}"
+    return OSError(errno.EFBIG, said, str(path))
 
 
 def refuse_endless(path: Path, most: int = LARGEST) -> None:
@@ -157,27 +170,28 @@ def refuse_endless(path: Path, most: int = LARGEST) -> None:
     if stat.S_ISFIFO(about.st_mode) and path.parts[:2] not in (("/", "dev"), ("/", "proc")):
         raise OSError(errno.EINVAL, "it is a pipe, no file", str(path))
     if stat.S_ISREG(about.st_mode) and about.st_size > most:
-        raise OSError(
-            errno.EFBIG, f"it has {about.st_size:,} bytes, allowed: up to {most:,}", str(path)
-        )
+        raise _too_large(path, f"{about.st_size:,}", most)
 
 
-def read_text(path: Path) -> str:
-    """Return the text of a file that a person wrote.
+def read_text(path: Path, codecs: Sequence[str] = ("utf-8-sig",)) -> str:
+    """Return the text of a file that a person wrote: UTF-16 with its mark, or the first that fits.
 
     Raises:
-        ValueError: a phrase that says why there is none: no such file, a folder, not UTF-8.
+        ValueError: a phrase that says why there is none: no such file, a folder, too large, not of
+            these ``codecs``.
     """
     try:
-        # Editors on Windows put a mark in front, and end lines in their own way.
-        text = read_bytes(path).decode("utf-8-sig")
-        return text.replace("\r\n", "\n").replace("\r", "\n")
+        content = read_bytes(path, MOST_TEXT)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError:
-        raise ValueError("is not text in UTF-8") from None
     except ValueError:
         raise ValueError("cannot be read: no file can have this name") from None
+    # Editors on Windows put a mark in front, and end lines in their own way.
+    marked = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+    for codec in ("utf-16",) if marked else codecs:
+        with suppress(UnicodeDecodeError):
+            return content.decode(codec).replace("\r\n", "\n").replace("\r", "\n")
+    raise ValueError("is not text in UTF-8")
 
 
 def parse_toml(text: str) -> dict[str, Any]:

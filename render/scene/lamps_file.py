@@ -7,14 +7,12 @@ as the `RefusedLamps` that says why, and so does a file that has none.
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from render.files import read_text
+from render.small_table import SmallTable, TableRow, number
 
 COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
 CHOICES = ("sigma_v", "cosine_exponent", "profile")
@@ -23,8 +21,15 @@ TURNS = "turns"
 """Column that a file may have: ``true`` or ``false``, which nothing means too."""
 
 
-class RefusedLamps(ValueError):
-    """What stands in a scene in place of lamps that cannot be read: a sentence that says why."""
+UNITS = {"x": "mm", "y": "mm", "z": "mm", "diameter": "mm", "sigma_v": "deg"}
+
+
+@dataclass(frozen=True)
+class RefusedLamps:
+    """What stands in a scene in place of lamps that cannot be read: ``why``, and ``where``."""
+
+    why: str
+    where: str = "lamps_file"
 
 
 @dataclass(frozen=True)
@@ -51,18 +56,15 @@ class LampLines:
         Raises:
             ValueError: a phrase that says why the file lists no lamps.
         """
-        rows, lines = [], []
-        try:
-            stream = io.StringIO(read_text(folder / name), newline="")
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            for row in reader:
-                rows.append(row)
-                lines.append(reader.line_num)
-        except csv.Error as error:
-            raise ValueError(f"cannot be read: {error}") from error
-        if not rows:
+        table = SmallTable.read(folder / name)
+        names = table.header
+        if not table.rows:
             raise ValueError("has no lamps: give a header line and one line for each")
-        names = list(reader.fieldnames or ())
+        if not names:
+            raise ValueError(
+                f"has no names of columns in its first line, allowed: {', '.join(COLUMNS)}, one of "
+                f"{', '.join(CHOICES)}, and perhaps {TURNS}"
+            )
         chosen = [choice for choice in CHOICES if choice in names]
         known = {*COLUMNS, *CHOICES, TURNS}
         if not set(COLUMNS) <= set(names) or len(chosen) != 1 or set(names) - known:
@@ -70,11 +72,14 @@ class LampLines:
                 f"has the columns {', '.join(names)}, allowed: {', '.join(COLUMNS)}, one of "
                 f"{', '.join(CHOICES)}, and perhaps {TURNS}"
             )
+        if len(set(names)) < len(names):
+            twice = next(column for column in names if names.count(column) > 1)
+            raise ValueError(f"has the column {twice} twice, allowed: each once")
+        table.check_units(UNITS)
         lamps = [
-            _lamp_of_line(row, f"{name} line {line}", chosen[0])
-            for row, line in zip(rows, lines, strict=True)
+            _lamp_of_line(table, row, f"{name} line {row.line}", chosen[0]) for row in table.rows
         ]
-        return LampLines(name, tuple(lines), tuple(lamps))
+        return LampLines(name, tuple(row.line for row in table.rows), tuple(lamps))
 
     def key(self, place: tuple[int | str, ...]) -> str:
         """Return line and column of a ``place`` in the scene: ``("lamps", 2, "diameter")``."""
@@ -99,53 +104,34 @@ class LampLines:
 
 
 def _lamp_of_line(
-    row: dict[str | Any, Any], where: str, choice: str
+    table: SmallTable, cells: TableRow, where: str, choice: str
 ) -> dict[str, Any] | RefusedLamps:
     """Return the lamp of a line; what is no number stays a text, for validation to refuse."""
-    surplus = [cell for cell in row.pop(None, ()) if cell.strip()]
-    if surplus:
-        return RefusedLamps(
-            f"{where} has {len(row) + len(surplus)} fields, allowed: {len(row)}, one for each "
-            "column"
-        )
-    missing = [name for name, cell in row.items() if cell is None and name != TURNS]
-    if missing:
-        return RefusedLamps(
-            f"{where} ends before {', '.join(missing)}, allowed: a field for each column"
-        )
+    if misfit := table.misfit(cells, optional=TURNS):
+        return RefusedLamps(misfit, where)
+    row = dict(zip(table.header, cells.cells, strict=False))
 
     def quantity(value: Any, unit: str = "") -> dict[str, Any]:
         return {"value": value, "source": where} | ({"unit": unit} if unit else {})
 
     def vector(first: int) -> list[float | str]:
-        return [_number(row[name]) for name in COLUMNS[first : first + 3]]
+        return [number(row[name]) for name in COLUMNS[first : first + 3]]
 
-    turns = (row.get(TURNS) or "").strip()
+    turns = row.get(TURNS, "")
     if choice == "profile":
-        profile = _named_profile(row[choice].strip(), where)
+        profile = _named_profile(row[choice], where)
     else:
-        profile = {choice: quantity(_number(row[choice]), "deg" if choice == "sigma_v" else "")}
+        profile = {choice: quantity(number(row[choice]), "deg" if choice == "sigma_v" else "")}
     return {
         "position": quantity(vector(0), "mm"),
         "direction": quantity(vector(3)),
-        "diameter": quantity(_number(row["diameter"]), "mm"),
+        "diameter": quantity(number(row["diameter"]), "mm"),
         "profile": profile,
         "turns": {"true": True, "false": False, "": False}.get(turns.lower(), turns),
     }
 
 
-def _named_profile(name: str, where: str) -> dict[str, Any] | RefusedLamps:
+def _named_profile(name: str, where: str) -> dict[str, Any]:
     if name == "lambertian":
         return {"cosine_exponent": {"value": 1.0, "source": where}}
-    if not name:
-        return RefusedLamps(
-            f"{where}: profile is empty, allowed: lambertian, or the name of an IES or CSV file"
-        )
     return {"file": name, "source": where}
-
-
-def _number(cell: str) -> float | str:
-    try:
-        return float(cell)
-    except ValueError:
-        return cell

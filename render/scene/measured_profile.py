@@ -7,7 +7,6 @@ theta)``. Between the angles of the file, intensity is linear.
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,14 +14,11 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.files import read_bytes
+from render.ies_file import read_ies
+from render.small_table import SmallTable, number, table_text
 
 STEPS = 360
 """Of the table that directions are sampled from; each is a quarter of a degree."""
-HEAD = 13
-"""Numbers of an IES file before its angles."""
-ASYMMETRY_MAX = 0.1
-"""Relative to the peak: how much the planes of an IES file may differ before they are refused."""
 
 
 @dataclass(frozen=True)
@@ -39,20 +35,22 @@ class MeasuredProfile:
     def read(path: Path) -> MeasuredProfile:
         """Return the profile of a file, scaled to unit power.
 
-        An IES file (LM-63), or a text file with an angle in degrees and an intensity in any unit
-        on each line, separated by comma, semicolon or space, and a header line at most.
+        An IES file (`render.ies_file`), or a table (`render.small_table`) with an angle in degrees
+        and an intensity in any unit on each line.
 
         Raises:
             RenderError: names the file and what is wrong in it.
         """
+        is_ies = path.suffix.lower() == ".ies"
         try:
-            text = read_bytes(path).decode("latin-1")
-            degrees, intensity = _ies(text) if path.suffix.lower() == ".ies" else _columns(text)
-        except OSError as error:
-            raise _refused(path, f"{error.strerror}") from error
+            content = table_text(path) if is_ies else SmallTable.read(path)
+        except ValueError as error:
+            raise _refused(path, f"it {error}") from error
+        try:
+            found = read_ies(content) if isinstance(content, str) else _columns(content)
         except ValueError as error:
             raise _refused(path, f"{error}") from error
-        return MeasuredProfile._normalized(path, degrees, intensity)
+        return MeasuredProfile._normalized(path, *found)
 
     @staticmethod
     def _normalized(path: Path, degrees: Array, intensity: Array) -> MeasuredProfile:
@@ -98,72 +96,22 @@ def _flux(theta: Array, intensity: Array, edges: Array) -> Array:
     return np.asarray(2 * np.pi * (start * (np.cos(low) - np.cos(high)) + slope * first))
 
 
-def _columns(text: str) -> tuple[Array, Array]:
-    rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if rows and re.search("[a-zA-Z]{2}", rows[0]):
-        rows = rows[1:]
-    table = []
-    for row in rows:
-        numbers = _numbers(row.strip(), r"[,;\s]+")
-        if len(numbers) != 2:
-            raise ValueError(f"each line needs an angle in degrees and an intensity, not {row!r}")
-        table.append(numbers)
-    angles, intensity = np.array(table).reshape(-1, 2).T
+def _columns(table: SmallTable) -> tuple[Array, Array]:
+    if table.units[:1] not in ((), ("",), ("deg",)):
+        raise ValueError(f"its angles are in {table.units[0]}, allowed: deg")
+    pairs = []
+    for row in table.rows:
+        if len(row.cells) != 2:
+            raise ValueError(
+                "each line needs an angle in degrees and an intensity, not "
+                f"{table.separator.join(row.cells)!r}"
+            )
+        pairs.append([number(cell) for cell in row.cells])
+    for cell in (cell for pair in pairs for cell in pair):
+        if isinstance(cell, str):
+            raise ValueError(f"{cell!r} stands where a number belongs")
+    angles, intensity = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
     return angles, intensity
-
-
-def _ies(text: str) -> tuple[Array, Array]:
-    """Return degrees and candela of an IES file, as in ANSI/IES LM-63.
-
-    After ``TILT=NONE`` come 13 numbers of the lamp, among them the factor of all intensities and
-    how many angles and planes there are; then the angles, those of the planes, and the intensities,
-    plane by plane.
-    """
-    _, found, rest = text.partition("TILT=")
-    if not found or not rest.lstrip().upper().startswith("NONE"):
-        raise ValueError("it is no IES file with TILT=NONE")
-    numbers = _numbers(rest.partition("\n")[2].strip(), r"[,\s]+")
-    if len(numbers) < HEAD:
-        raise ValueError(
-            f"it ends too early and has {len(numbers)} of the {HEAD} numbers of the lamp that "
-            "follow TILT=NONE"
-        )
-    counts = numbers[3:5]
-    if not all(count >= 1 and count.is_integer() for count in counts):
-        raise ValueError(
-            f"it has {counts[0]:g} angles in {counts[1]:g} planes, where both are whole numbers of "
-            "at least 1"
-        )
-    vertical, planes = map(int, counts)
-    end = HEAD + vertical + planes
-    count = vertical * planes
-    missing = end + count - len(numbers)
-    if missing > count:
-        raise ValueError(
-            f"it ends too early and lacks {missing - count} of the {vertical + planes} angles "
-            "before its intensities"
-        )
-    if missing > 0:
-        raise ValueError(
-            f"it ends too early and lacks {missing} of its {count} intensities ({vertical} angles "
-            f"in {planes} plane{'s' * (planes != 1)})"
-        )
-    angles = np.array(numbers[HEAD : HEAD + vertical])
-    candela = numbers[2] * np.array(numbers[end : end + count]).reshape(planes, vertical)
-    if np.ptp(candela, axis=0).max() > ASYMMETRY_MAX * candela.max():
-        raise ValueError("its planes differ: only beams that are round about their axis are known")
-    return angles, candela.mean(axis=0)
-
-
-def _numbers(text: str, separators: str) -> list[float]:
-    """Return the numbers in a text."""
-    words, numbers = [word for word in re.split(separators, text) if word], []
-    for word in words:
-        try:
-            numbers.append(float(word))
-        except ValueError:
-            raise ValueError(f"{word!r} stands where a number belongs") from None
-    return numbers
 
 
 def _refused(path: Path, why: str) -> RenderError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import operator
+import re
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from os import PathLike
@@ -27,6 +28,8 @@ from render.scene.states import REST_REFUSED, STATE_NAME
 NAME_OR_PATH = "the name of a shipped scene or the path of a TOML file"
 USUAL_INDEX = 1.41
 """Stands in for an index out of range while the rest of a file is looked at."""
+MOST_PLACES = 3
+"""Of one problem that are named."""
 _TEXTS = {
     SCENE_NAME: "1 to 64 of a-z, 0-9, _ and -, the first a letter or a digit",
     STATE_NAME: "1 to 32 of a-z, 0-9, _ and -, the first a letter or a digit",
@@ -97,9 +100,8 @@ def _scene_of_content(content: dict[str, Any], origin: str, folder: Path) -> Sce
                 Scene.model_validate(without, context=context)
             except ValidationError as further:
                 problems += _problems(further)
-        told = "; ".join(_sentence(problem, raw, lines) for problem in problems)
         raise SceneError(
-            f"{origin} is not a valid scene: {told}",
+            f"{origin} is not a valid scene: {_told(problems, raw, lines)}",
             field=".".join(str(part) for part in problems[0]["loc"]),
         ) from None
 
@@ -154,15 +156,15 @@ def _with_listed_lamps(
     others = {key: part for key, part in raw.items() if key != LAMPS_FILE}
     lamps: Any
     if "lamps" in raw:
-        lamps = RefusedLamps("lamps_file: lamps are listed in this file too, allowed: one")
+        lamps = RefusedLamps(": lamps are listed in this file too, allowed: one")
     elif not isinstance(name, str):
-        lamps = RefusedLamps(f"lamps_file = {in_toml(name)}, allowed: the name of a CSV file")
+        lamps = RefusedLamps(f" = {in_toml(name)}, allowed: the name of a CSV file")
     else:
         try:
             lines = LampLines.read(folder, name)
             return others | {"lamps": list(lines.lamps)}, lines
         except ValueError as error:
-            lamps = RefusedLamps(f"lamps_file = {name}: {error}")
+            lamps = RefusedLamps(f" = {name}: {error}")
     return others | {"lamps": lamps}, None
 
 
@@ -242,34 +244,52 @@ def _parsed(text: str, origin: str) -> dict[str, Any]:
         raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
 
 
-def _sentence(problem: Any, raw: Mapping[str, Any], lines: LampLines | None) -> str:
-    """Turn one validation problem into ``key = value: what is wrong and what is allowed``."""
+def _told(problems: list[Any], raw: Mapping[str, Any], lines: LampLines | None) -> str:
+    """Return what is wrong; what is so of several entries of a list is one sentence."""
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for problem in problems:
+        before, place, after = _sentence(problem, raw, lines)
+        found.setdefault((before, re.sub(r"\d+", "", place), after), []).append(place)
+    sentences = []
+    for (before, _, after), places in found.items():
+        more = f" and {len(places) - MOST_PLACES} more" if len(places) > MOST_PLACES else ""
+        sentences.append(f"{before}{', '.join(places[:MOST_PLACES])}{more}{after}")
+    return "; ".join(sentences)
+
+
+def _sentence(
+    problem: Any, raw: Mapping[str, Any], lines: LampLines | None
+) -> tuple[str, str, str]:
+    """Turn a validation problem into ``key = value: what is wrong and what is allowed``.
+
+    Return what comes before the key, the key, and the rest.
+    """
     if isinstance(problem["input"], RefusedLamps):
-        return str(problem["input"])
+        return "", problem["input"].where, problem["input"].why
     place, kind = problem["loc"], problem["type"]
     listed = lines is not None and place[:1] == ("lamps",)
     key = lines.key(place) if lines and listed else ".".join(map(str, place))
     if kind == "extra_forbidden":
-        return f"unknown key {key}{instead_of_key(problem['loc'], raw)}"
+        return "unknown key ", key, instead_of_key(problem["loc"], raw)
     if kind == "missing":
-        return f"missing key {key}"
+        return "missing key ", key, ""
     message = problem["msg"].removeprefix("Value error, ")
     if kind == "value_error" and not key:
-        return lines.named(message) if lines else str(message)
+        return lines.named(message) if lines else str(message), "", ""
     value = problem["input"]
     allowed = allowed_words(problem, [*keys_at(problem["loc"])])
     more = instead_of_value(problem, raw)
     if allowed:
         value = value["value"] if kind == "number_or_list" else value
-        return f"{key} = {in_toml(value)}, allowed: {allowed}{more}"
+        return "", key, f" = {in_toml(value)}, allowed: {allowed}{more}"
     if isinstance(value, dict) and "value" in value:
         value = " ".join(_plain(value[part]) for part in ("value", "unit") if part in value)
     elif isinstance(value, dict) and set(value) == {"file", "source"}:
         value = value["file"]
     value = _plain(value)
     if kind == "string_pattern_mismatch":
-        return f"{key} = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
-    return f"{key} = {value}: {message}{more}"
+        return "", key, f" = {value}, allowed: {_TEXTS[problem['ctx']['pattern']]}"
+    return "", key, f" = {value}: {message}{more}"
 
 
 def _plain(value: Any) -> str:

@@ -14,9 +14,10 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from render.errors import SceneError
-from render.files import read_bytes, read_text
+from render.files import read_bytes
 from render.scene.lamps_file import LampLines
 from render.scene.scene_file import load_scene, scene_text
+from render.small_table import table_text
 
 OUTSIDE = "files"
 """Folder of the copies of what lies elsewhere than beside the scene file or below."""
@@ -53,9 +54,10 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
     kept = {name: _kept_name(name, number) for number, name in enumerate(names)}
     files = {kept[name]: read_bytes(folder / name) for name in names}
     if table is not None:
-        content = read_text(folder / table)
+        content = table_text(folder / table)
         for name in _profiles(listed):
-            content = re.sub(rf"(?<![^,\s\"]){re.escape(name)}(?![^,\s\"])", kept[name], content)
+            alone = rf"(?<![^,;\s\"]){re.escape(name)}(?![^,;\s\"])"
+            content = re.sub(alone, kept[name].replace("\\", r"\\"), content)
         kept[table] = _kept_name(table, len(names))
         files[kept[table]] = content.encode()
     for name in named:

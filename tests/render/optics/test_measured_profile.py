@@ -91,12 +91,12 @@ def test_directions_are_drawn_as_often_as_their_density_says(
         ("led.csv", "zero,one\ntwo,three\n", "'two' stands where a number belongs"),
         ("led.csv", "0,1\n10\n", "each line needs an angle in degrees and an intensity, not '10'"),
         ("led.csv", "", "at least two"),
-        ("led.ies", "TILT=NONE", "has 0 of the 13 numbers of the lamp that follow TILT=NONE"),
-        ("led.ies", IES[: IES.index("0 30 60")] + "0 30", "lacks 4 of the 6 angles before"),
-        ("led.ies", IES[: IES.index("100 80")], r"lacks 8 of its 8 intensities \(4 angles in 2 pl"),
-        ("led.ies", IES[: IES.index("19 0")], "lacks 2 of its 8 intensities"),
-        ("led.ies", IES.replace(" 4 2 1", " 4.5 2 1"), "4.5 angles in 2 planes, where both"),
-        ("led.ies", IES.replace(" 4 2 1", " inf 2 1"), "inf angles in 2 planes, where both"),
+        ("led.ies", "TILT=NONE", "lacks 13 of the 13 numbers of the lamp"),
+        ("led.ies", IES[: IES.index("0 30 60")] + "0 30", "lacks 2 of the 4 vertical angles"),
+        ("led.ies", IES[: IES.index("100 80")], r"lacks 8 of the 8 intensities \(4 angles in 2 pl"),
+        ("led.ies", IES[: IES.index("19 0")], "lacks 2 of the 8 intensities"),
+        ("led.ies", IES.replace(" 4 2 1", " 4.5 2 1"), "vertical angles is 4.5, allowed: a whole"),
+        ("led.ies", IES.replace(" 4 2 1", " inf 2 1"), "'inf' stands where a number belongs"),
         ("led.ies", IES.replace("82", "oh"), "'oh' stands where a number belongs"),
         ("led.ies", "0,1\n10,1\n", "no IES file"),
         ("led.ies", IES.replace("82", "20"), "planes differ"),
@@ -111,5 +111,5 @@ def test_a_file_that_cannot_be_used_is_named_with_what_is_wrong(
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RenderError, match=r"led\.csv cannot be used: No such file"):
+    with pytest.raises(RenderError, match=r"led\.csv cannot be used: it cannot be read: No such"):
         MeasuredProfile.read(tmp_path / "led.csv")

@@ -40,7 +40,7 @@ def refusal(folder: Path, lamps: str | None, *changes: tuple[str, str]) -> str:
         (HEADER + "sigma_v\n0,0,-5,0,0,1,oh,20\n",
          'lamps.csv line 2: diameter = "oh", allowed: a number'),
         (HEADER + "sigma_v\n0,0,-5,0,0,1,,20\n",
-         'lamps.csv line 2: diameter = "", allowed: a number'),
+         "lamps.csv line 2 has nothing in diameter, allowed: a value in each column"),
         (HEADER + "sigma_v\n0,0,-5,0,0,1,1,20,7,7\n",
          "lamps.csv line 2 has 10 fields, allowed: 8, one for each column"),
         (HEADER + "sigma_v\n0,0,-5\n",
@@ -52,7 +52,7 @@ def refusal(folder: Path, lamps: str | None, *changes: tuple[str, str]) -> str:
          'lamps.csv line 2: turns = "maybe", allowed: true or false'),
         (HEADER + "profile\n0,0,-5,0,0,1,1,none.ies\n",
          "lamps.csv line 2: profile = none.ies: measured profile none.ies cannot be used"),
-        (HEADER + "profile\n0,0,-5,0,0,1,1,\n", "lamps.csv line 2: profile is empty"),
+        (HEADER + "profile\n0,0,-5,0,0,1,1,\n", "lamps.csv line 2 has nothing in profile"),
         ("x,y\n1,2\n", "lamps_file = lamps.csv: has the columns x, y, allowed: x, y, z"),
         ("", "lamps_file = lamps.csv: has no lamps"),
         (None, "lamps_file = lamps.csv: cannot be read"),
@@ -117,3 +117,56 @@ def test_describe_names_the_line_of_each_lamp(tmp_path: Path) -> None:
     values = {one.key: one.source for one in describe(load_scene(path), sources(path)).values}
     for key in ("position", "direction", "diameter", "profile"):
         assert values[f"lamps.0.{key}"] == "lamps.csv line 3"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x;y;z;direction_x;direction_y;direction_z;diameter;cosine_exponent\r\n"
+        "0;-19;-3;0;1;1;1,5;4\r\n;;;;;;;\r\n",
+        "# by hand\nX [mm],Y [mm],Z [mm],Direction X,Direction Y,Direction Z,Diameter,"
+        "Cosine Exponent,\n0,-19,-3,0,1,1,1.5,4,\n,,,,,,,,\n",
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_file_of_a_spreadsheet_is_the_same_lamp(tmp_path: Path, text: str, encoding: str) -> None:
+    path = rewritten(tmp_path, "", BASELINE)
+    (tmp_path / "lamps.csv").write_bytes(text.encode(encoding))
+    (lamp,) = load_scene(path).lamps or ()
+    assert (lamp.position, lamp.diameter) == ((0.0, -19.0, -3.0), 1.5)
+    assert lamp.profile.cosine_exponent == 4.0
+
+
+def test_one_fault_of_many_lines_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "led.csv").write_text("0,1\n10,-1\n")
+    lamps = HEADER + "profile\n" + "0,-19,-3,0,1,1,1.5,led.csv\n" * 7
+    said = refusal(tmp_path, lamps)
+    assert said.startswith(
+        "lamps.csv line 2: profile, lamps.csv line 3: profile, lamps.csv line 4: profile and 4 more"
+        " = led.csv: measured profile led.csv cannot be used: an intensity is negative"
+    )
+    assert said.count("led.csv cannot be used") == 1
+    said = refusal(tmp_path, HEADER + "sigma_v\n" + "0,0,-19,0,-3,0,0,0,1,0,1,0,1,5,20,0\n" * 9)
+    assert said.startswith(
+        "lamps.csv line 2, lamps.csv line 3, lamps.csv line 4 and 6 more has 16 fields, allowed: 8"
+    )
+    assert "where commas are decimal, semicolons separate" in said
+    assert said.count("fields") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("0,0,-5,0,0,1,1,20\n", "lamps_file = lamps.csv: has no names of columns"),
+        (HEADER + "sigma_v,x\n0,0,-5,0,0,1,1,20,1\n", "lamps_file = lamps.csv: has the column x"),
+        ("x [cm]" + HEADER[1:] + "sigma_v\n0,0,-5,0,0,1,1,20\n", "lamps_file = lamps.csv: has x"),
+        (HEADER + "sigma_v\n0,0,-5,,,,,\n", "lamps.csv line 2 has nothing in direction_x"),
+        (HEADER + "sigma_v\n,,,,,,,\n,,,,,,,\n", "lamps_file = lamps.csv: has no lamps"),
+    ],
+)  # fmt: skip
+def test_a_table_that_lists_no_lamps_is_one_sentence(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
+    said = refusal(tmp_path, text)
+    assert said.startswith(sentence)
+    assert "; " not in said

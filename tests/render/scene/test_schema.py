@@ -250,7 +250,7 @@ def test_a_missing_scene_is_told_which_exist(tmp_path: Path) -> None:
     ("content", "said"),
     [
         (b"[pad", "cannot be read as TOML"),
-        (b"\xff\xfe", "is not text in UTF-8; give the path of a TOML file"),
+        (b"\xff\xfe[", "is not text in UTF-8; give the path of a TOML file"),
         (b"pad = 3\npad = 4", "cannot be read as TOML"),
     ],
 )
