@@ -147,8 +147,10 @@ def read_bytes(path: Path, most: int = LARGEST) -> bytes:
     """
     refuse_endless(path, most)
     with path.open("rb") as stream:
-        content = stream.read(most + 1)
-    if len(content) > most:  # a pipe says no size
+        # As much memory as is asked for is taken at once; pipes say no size.
+        size = os.fstat(stream.fileno()).st_size or most
+        content = stream.read(min(size, most) + 1)
+    if len(content) > most:
         raise _too_large(path, "more", most)
     return content
 

@@ -21,6 +21,7 @@ from optimize.cli.options import (
 )
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
+from render.mesh_file import Unit
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -69,9 +70,12 @@ def run(
         str,
         Option(
             help="What is pressed in: none, pyramids, ball, bolt, edge, or the lower side of an "
-            "STL file in mm."
+            "STL, PLY or OBJ file."
         ),
     ] = "pyramids",
+    unit: Annotated[
+        Unit | None, Option(help="Unit of the file (default: what it says, or what fits the pad).")
+    ] = None,
     depth: Annotated[
         float | None,
         Option(min=0.01, help="How deep ball, bolt, edge or file are pressed in, mm (default: 1)."),
@@ -110,7 +114,7 @@ def run(
 
     from optimize.design import baseline_design, load_design
     from optimize.ui.output import check_file, write_result
-    from render.geometry import probe
+    from render.geometry import HeightMap, probe
     from render.metric import THESIS
     from render.scene import load_scene
 
@@ -119,7 +123,9 @@ def run(
         posed, angle, _, pose = in_pose(scene, state, bend)
         path = Path(f"{scene.name}-{level}-{pose}.png") if out is None else out
         check_file(path, PICTURES + DATA)
-        imprint = probe(posed, press, depth, smooth)
+        imprint = probe(posed, press, depth, smooth, unit)
+        if isinstance(imprint, HeightMap) and imprint.about:
+            note(f"{imprint.about}.")
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
         exposure = _scene_exposure(scene)
         if level == "preview":

@@ -11,7 +11,7 @@ a deeper map everywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,11 +41,13 @@ class HeightMap:
     Arguments:
         depth: ``(row, column)`` mm, from the base and from -x, the first and last on the edges.
         width, length: of the pad, mm.
+        about: what was pressed in, for people; "" where they named it.
     """
 
     depth: Array
     width: float
     length: float
+    about: str = ""
 
     @property
     def step(self) -> tuple[float, float]:
@@ -118,7 +120,7 @@ class HeightMap:
                 "length, or a smaller body",
                 field="smooth",
             )
-        return HeightMap(np.where(held, self.depth, skin), self.width, self.length)
+        return replace(self, depth=np.where(held, self.depth, skin))
 
 
 def map_lines(scene: Scene) -> tuple[Array, Array]:

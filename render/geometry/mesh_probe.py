@@ -15,7 +15,7 @@ from render.geometry.chart import SkinChart
 from render.geometry.height_map import HeightMap, map_lines
 from render.geometry.indenter import place_body, skin_heights
 from render.geometry.layout import declared_sites
-from render.mesh_file import read_mesh
+from render.mesh_file import UNITS, Unit, read_mesh, size_in_words, unit_of_body
 from render.scene import Scene
 
 FILE_DEPTH = 1.0
@@ -23,9 +23,13 @@ FILE_DEPTH = 1.0
 
 
 def body_of_file(
-    scene: Scene, path: Path, depth: float | None = None, smoothing: float = 0.0
+    scene: Scene,
+    path: Path,
+    depth: float | None = None,
+    smoothing: float = 0.0,
+    unit: Unit | None = None,
 ) -> HeightMap:
-    """Return the skin with the body of a file (STL, PLY, OBJ; mm) in the middle of the sites.
+    """Return the skin with the body of a file (STL, PLY, OBJ) in the middle of the sites.
 
     The file's z points out of the skin there and its y to the tip. What counts is the lower side,
     as it is seen from below, and nothing else: where a body overhangs, its lowest part. So the file
@@ -37,12 +41,13 @@ def body_of_file(
         depth: how far its lowest point is pressed in, mm; None is 1 mm, or a quarter of the pad, or
             the body's height if that is less.
         smoothing: see `HeightMap.smoothed`.
+        unit: of the file; None is what it says, or else what fits the pad (`unit_of_body`).
 
     Raises:
-        SceneError: the file is no body or has no area seen from below, or the pad is too small or
-            too thin for it.
+        SceneError: the file is no body, in no unit that is known, or has no area seen from below,
+            or the pad is too small or too thin for it.
     """
-    triangles = _triangles(path)
+    triangles, about = _triangles(scene, path, unit)
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     height = float(high[2] - low[2])
     if height <= 0.0:
@@ -51,7 +56,8 @@ def body_of_file(
         depth = min(FILE_DEPTH, 0.25 * scene.pad.thickness, height)
     elif depth > height:
         raise SceneError(
-            f"--depth {depth:g} mm of {path}, which is {height:.3g} mm high, allowed: up to that",
+            f"--depth {depth:g} mm of {path}, which is {height:.3g} mm high, allowed: up to that; "
+            f"{about}",
             field="depth",
         )
     triangles = triangles - [*(0.5 * (low + high))[:2], low[2] + depth]
@@ -70,22 +76,32 @@ def body_of_file(
             "thick there, allowed: less",
             field="depth",
         )
-    body = HeightMap(np.maximum(untouched - lowest, 0.0), scene.pad.width, scene.pad.length)
+    body = HeightMap(np.maximum(untouched - lowest, 0.0), scene.pad.width, scene.pad.length, about)
     if body.deepest == 0.0:
         raise SceneError(
             f"{path} has no area seen from below, at places {max(body.step):.2g} mm apart, so it "
-            "presses nothing, allowed: a body that covers some of them",
+            f"presses nothing, allowed: a body that covers some of them; {about}",
             field="press",
         )
     return body.smoothed(smoothing)
 
 
-def _triangles(path: Path) -> Array:
-    """Return the triangles ``(n, 3, 3)`` of a mesh file."""
+def _triangles(scene: Scene, path: Path, unit: Unit | None) -> tuple[Array, str]:
+    """Return the triangles ``(n, 3, 3)`` of a mesh file, mm, and how its size was found."""
     try:
-        return np.asarray(read_mesh(path).triangles, dtype=np.float64)
+        mesh, named = read_mesh(path)
     except ValueError as error:
         raise SceneError(str(error), field="press") from None
+    extents, pad = mesh.extents, max(scene.pad.width, scene.pad.length)
+    if not extents.max() > 0.0:
+        raise SceneError(f"{path} is a point, allowed: a body with a volume", field="press")
+    try:
+        found = unit or named or unit_of_body(extents, pad)
+    except ValueError as error:
+        raise SceneError(f"{path} {error}", field="unit") from None
+    why = "--unit" if unit else "as it says" if named else "by its size: --unit for another"
+    triangles = np.asarray(mesh.triangles, dtype=np.float64) * UNITS[found]
+    return triangles, f"{path.name} is {size_in_words(extents, found, pad)}, {why}"
 
 
 def _sunk(triangles: Array) -> Array:

@@ -18,6 +18,7 @@ from render.geometry.indenter import (
     smoothed_skin,
     straight_edge,
 )
+from render.mesh_file import Unit
 from render.scene import Scene
 
 PROBES = ("none", "pyramids", "ball", "bolt", "edge")
@@ -26,7 +27,11 @@ BALL_RADIUS, PROBE_DEPTH = 3.0, 1.0
 
 
 def probe(
-    scene: Scene, press: str, depth: float | None = None, smoothing: float | None = None
+    scene: Scene,
+    press: str,
+    depth: float | None = None,
+    smoothing: float | None = None,
+    unit: Unit | None = None,
 ) -> Imprint | HeightMap | None:
     """Return what is pressed in; None for nothing and for the pyramids as they are.
 
@@ -36,10 +41,15 @@ def probe(
         depth: how deep its lowest point is pressed in, mm; None is its own default.
         smoothing: length of `HeightMap.smoothed`, mm; None is SMOOTHING for a file, which has sharp
             edges and upright walls, and none for the others, whose walls are draped.
+        unit: of the file; None finds it.
 
     Raises:
         SceneError: no such probe, an option that it does not have, or a pad too small for it.
     """
+    if unit is not None and press in PROBES:
+        raise SceneError(
+            f"--unit {unit} with --press {press}, allowed: with a mesh file", field="unit"
+        )
     if press in ("none", "pyramids"):
         if depth is not None:
             raise SceneError(
@@ -59,9 +69,8 @@ def probe(
         # Only a file needs numba and trimesh.
         from render.geometry.mesh_probe import body_of_file
 
-        return body_of_file(
-            scene, Path(press), depth, SMOOTHING if smoothing is None else smoothing
-        )
+        smooth = SMOOTHING if smoothing is None else smoothing
+        return body_of_file(scene, Path(press), depth, smooth, unit)
     deep = PROBE_DEPTH if depth is None else depth
     if press == "ball":
         if deep >= BALL_RADIUS:

@@ -88,6 +88,7 @@ def _scene_of_content(content: dict[str, Any], origin: str, folder: Path) -> Sce
             "colors": colors_in(raw),
             "folder": folder,
             "rest_mesh": _mesh_file(raw),
+            "pad_sides": _pad_sides(raw),
         }
         scene = Scene.model_validate(raw, context=context)
         scene._written = Written(content, folder.absolute())
@@ -186,6 +187,15 @@ def as_scene(value: Scene | str | Path, name: str = "scene") -> Scene:
     if not isinstance(value, str | PathLike):
         refuse(value, name, f"a scene, {NAME_OR_PATH}", SceneError)
     return load_scene(value)
+
+
+def _pad_sides(raw: dict[str, Any]) -> tuple[float, float] | None:
+    """Return width and length (mm) of the pad that a scene names, which its meshes have."""
+    try:
+        width, length = (float(raw["pad"][key]["value"]) for key in ("width", "length"))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return width, length
 
 
 def sources(name_or_path: str | Path) -> dict[str, str]:

@@ -19,7 +19,7 @@ from pydantic import GetJsonSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import CoreSchema
 
 from render.arrays import Array
-from render.mesh_file import read_mesh
+from render.mesh_file import UNITS, Unit, read_mesh, unit_of_outline
 from render.scene.quantities import Part, quantity_form
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ GRID = 65
 """Samples along each side of the outline."""
 OUTLINE = 0.05
 """Length (mm) by which a body's outline may miss the pad's."""
+INNER, LEVEL, PLANE = 0.4, 0.1, 0.01
+"""Upper and lower side are looked at on triangles nearer to the middle than this part of the sides,
+that are this far from upright (cosine); they are plane to so many mm."""
 ZOOMS, PART = 12, 8.0
 """How often the highest place is looked for anew, within that many times smaller a square."""
 FORM = '{ file = "...", source = "..." }'
@@ -39,21 +42,23 @@ class MeshHeights(Part):
 
     ``sides`` are those of its outline along x and y in mm, ``heights`` in mm over its crown, rows
     along y. Its outline has the origin in the middle; its height over z = 0 does not matter, as the
-    crown lies at ``pad.thickness``. ``body_height`` is that of the whole body in mm: it changes no
-    light, and people may compare it.
+    crown lies at ``pad.thickness``. ``body_height`` is that of the whole body in mm, ``unit`` that
+    of its file where it is another: they change no light, and people may compare them.
     """
 
     sides: tuple[float, ...]
     heights: tuple[float, ...]
     body_height: float | None = None
+    unit: str | None = None
 
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, raw: Any, info: ValidationInfo) -> Any:
-        body = closed_body(named_file(raw, info))
+        body, unit = closed_body(named_file(raw, info), info)
         samples, (low, high) = MeshSamples.of(body), body.bounds[:, 2]
         return {
             "body_height": round(float(high - low), 6),
+            "unit": None if unit == "mm" else unit,
             "sides": tuple(samples.sides.tolist()),
             "heights": tuple(samples.heights.ravel().tolist()),
         }
@@ -63,15 +68,17 @@ class MeshHeights(Part):
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         """Return the JSON schema of the form that the file must have."""
-        path = {"type": "string", "description": "STL, PLY or OBJ in mm, relative to the scene."}
+        path = {"type": "string", "description": "STL, PLY or OBJ, relative to the scene file."}
         return quantity_form({"file": path}, "")
 
     @property
     def sentence(self) -> str:
         """The mesh in words."""
         side, other = self.sides
+        read = f", its file read in {self.unit}" if self.unit else ""
         return (
             f"mesh of {side:g} x {other:g} mm, down to {-min(self.heights):.3g} mm under its crown"
+            f"{read}"
         )
 
     @property
@@ -132,23 +139,32 @@ def _crown(sides: tuple[float, ...], heights: tuple[float, ...]) -> float:
     return crown
 
 
-def closed_body(path: Path) -> trimesh.Trimesh:
-    """Return a closed mesh, mm."""
-    mesh = read_mesh(path)
+def closed_body(path: Path, info: ValidationInfo) -> tuple[trimesh.Trimesh, Unit]:
+    """Return a closed mesh in mm, and the unit of its file: as it says, or as the pad is wide."""
+    mesh, named = read_mesh(path)
     if not mesh.is_watertight:
         # Named parts of one file have corners of their own, as faces of other textures have.
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    pad = (info.context or {}).get("pad_sides")
+    unit = named or unit_of_outline(mesh.extents[:2], pad)
+    if unit != "mm":
+        mesh.vertices = np.asarray(mesh.vertices) * UNITS[unit]
     if not mesh.is_watertight:
         _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
         raise ValueError(
             f"{path.name} leaks: {int((count != 2).sum())} of its edges do not join two triangles, "
             "allowed: a closed body"
         )
-    if not mesh.is_winding_consistent or mesh.volume <= 0.0:
+    if not mesh.is_winding_consistent:
+        raise ValueError(
+            f"{path.name} has triangles that face in beside others that face out, allowed: all out"
+        )
+    if mesh.volume <= 0.0:
         raise ValueError(
             f"{path.name} is inverted: its volume is {mesh.volume:.4g} mm^3, allowed: triangles "
             "that all face outwards"
         )
+    _refuse_upside_down(mesh, path.name)
     low, high = np.asarray(mesh.bounds)
     aside = 0.5 * np.abs(low + high)[:2].max()
     if aside > OUTLINE:
@@ -156,7 +172,24 @@ def closed_body(path: Path) -> trimesh.Trimesh:
             f"{path.name} has its middle {aside:.3g} mm beside the origin, allowed: x = y = 0 in "
             f"the middle of the pad, to {OUTLINE:g} mm"
         )
-    return mesh
+    return mesh, unit
+
+
+def _refuse_upside_down(mesh: trimesh.Trimesh, name: str) -> None:
+    """Refuse a body that is plane on top and curved below: its skin looks down."""
+    low, high = np.asarray(mesh.bounds)
+    away = np.abs(mesh.triangles_center - 0.5 * (low + high))[:, :2]
+    inner = (away < INNER * (high - low)[:2]).all(axis=1)
+    up = mesh.face_normals[:, 2]
+    top, bottom = (
+        np.ptp(mesh.triangles[inner & side][..., 2]) if (inner & side).any() else 0.0
+        for side in (up > LEVEL, up < -LEVEL)
+    )
+    if top <= PLANE < bottom:
+        raise ValueError(
+            f"{name} lies upside down: it is plane on top and curved by {bottom:.3g} mm below, "
+            "allowed: the skin on top (+z); turn the body by 180 deg about x or y"
+        )
 
 
 @dataclass(frozen=True, eq=False)

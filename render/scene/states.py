@@ -71,9 +71,9 @@ class MovedMesh(MeshHeights):
                 "it has no triangles to follow, allowed: a mesh where skin.shape = mesh, and a "
                 "radius where it is a dome or an arch"
             )
-        moved = closed_body(path)
+        moved, _ = closed_body(path, info)
         try:
-            rest = closed_body((info.context or {}).get("folder", Path()) / named)
+            rest, _ = closed_body((info.context or {}).get("folder", Path()) / named, info)
             at_rest = MeshSamples.of(rest)
         except ValueError:
             raise PydanticCustomError(

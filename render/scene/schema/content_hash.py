@@ -28,7 +28,8 @@ def content_hash(scene: Scene) -> str:
             content["coating"].pop(key, None)
     for color in content.get("colors", ()):
         color.pop("ink", None)
-    content.get("skin", {}).get("mesh", {}).pop("body_height", None)
+    for key in ("body_height", "unit"):
+        content.get("skin", {}).get("mesh", {}).pop(key, None)
     for state in content.get("states", ()):
         state.pop("name")
     # However the file groups them, and only those that are not like the rest of the pad.

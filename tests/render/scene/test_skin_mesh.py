@@ -189,3 +189,39 @@ def test_a_body_of_another_height_than_the_pad_is_the_same_skin_and_describe_say
             left_out["lower side of skin.mesh"],
         )
     assert "lower side of skin.mesh" not in describe(load_scene("digit")).text()
+
+
+def test_a_body_in_another_unit_is_the_skin_that_fits_the_pad(tmp_path: Path) -> None:
+    unit, length = "in", 25.4
+    body = body_under(lambda x, y: THICKNESS + sphere_rise(x, y), (18.3, 25.0), 12)
+    plain = scene_on(body, tmp_path)
+    other = scene_on(body.apply_scale(1.0 / length), tmp_path)
+    assert plain.skin is not None
+    assert other.skin is not None
+    x, y = plain.skin.grid(18.3, 25.0)
+    # STL files hold float32.
+    np.testing.assert_allclose(other.skin.rise(x, y), plain.skin.rise(x, y), atol=5e-6)
+    assert f"under its crown, its file read in {unit}" in describe(other).text()
+    assert "its file read in" not in describe(plain).text()
+    said = refusal(flat_block(width=20.0).apply_scale(1.0 / length), tmp_path)
+    assert "skin.mesh is 20 x 25 mm, allowed: the pad's 18.3 x 25 mm" in said
+
+
+def test_a_skin_that_looks_down_is_refused_and_not_read_as_a_plane(tmp_path: Path) -> None:
+    body = body_under(lambda x, y: THICKNESS + sphere_rise(x, y), (18.3, 25.0), 12)
+    body.apply_transform(trimesh.transformations.rotation_matrix(np.pi, [1.0, 0.0, 0.0]))
+    said = refusal(body, tmp_path)
+    assert "gel.stl lies upside down: it is plane on top and curved by " in said
+    assert "turn the body by 180 deg about x or y" in said
+    points = flat_block().vertices
+    inner = points * [0.95, 0.95, 1.0] - [0.0, 0.0, 0.5]
+    chamfered = trimesh.convex.convex_hull(np.concatenate([points, inner[points[:, 2] < 1.0]]))
+    assert scene_on(chamfered, tmp_path).skin is not None
+
+
+def test_triangles_that_face_both_ways_are_named(tmp_path: Path) -> None:
+    body = flat_block()
+    body.faces[5] = body.faces[5][::-1]
+    assert "gel.stl has triangles that face in beside others that face out" in refusal(
+        body, tmp_path
+    )
