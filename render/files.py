@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import json
+import math
 import os
 import re
 import stat
@@ -44,8 +45,13 @@ SEALED = re.compile(rb'"seal"|[0-9a-f]{64}"\}\s*\Z')
 SEAL_OF_ARCHIVE = b"sha256 "
 """Begin of an archive's seal; its length shows too where one bit of it is turned."""
 MEGABYTE = 1_000_000
-MOST_TEXT = 16 * MEGABYTE
+MOST_TEXT = 4 * MEGABYTE
 """Bytes of a text that a person wrote; scenes have some thousand."""
+MOST_DEPTH = 50
+"""How deep tables and lists may lie in each other: recursion over them has an end."""
+MOST_UNPACKED, MOST_SHRUNK = 256 * MEGABYTE, 20
+"""Bytes that any archive may unpack to, and how many times its own size a larger one may: numbers
+shrink little, and nothing else is kept."""
 SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 """Of handles and memory, which other programs take."""
 DAMAGE = (
@@ -203,7 +209,9 @@ def parse_toml(text: str) -> dict[str, Any]:
         ValueError: what is wrong, and where.
     """
     with _told_in_words():
-        return tomllib.loads(text)
+        content = tomllib.loads(text)
+        _refuse_depth(content)
+        return content
 
 
 def parse_json(text: str) -> Any:
@@ -213,7 +221,19 @@ def parse_json(text: str) -> Any:
         ValueError: what is wrong, and where.
     """
     with _told_in_words():
-        return json.loads(text)
+        content = json.loads(text)
+        _refuse_depth(content)
+        return content
+
+
+def _refuse_depth(content: Any) -> None:
+    level: list[Any] = [[content]]
+    for _ in range(MOST_DEPTH + 1):
+        inner = [part.values() if isinstance(part, dict) else part for part in level]
+        level = [one for parts in inner for one in parts if isinstance(one, dict | list)]
+        if not level:
+            return
+    raise RecursionError
 
 
 @contextmanager
@@ -222,7 +242,9 @@ def _told_in_words() -> Iterator[None]:
     try:
         yield
     except RecursionError:
-        raise ValueError("its lists are too deep in each other") from None
+        raise ValueError(
+            f"its tables and lists lie more than {MOST_DEPTH} deep in each other"
+        ) from None
     except json.JSONDecodeError:
         raise
     except tomllib.TOMLDecodeError as error:
@@ -281,10 +303,19 @@ def read_npz(path: Path, *, sealed: bool = False) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(path) as archive:
             foreign = [name for name in archive.namelist() if not name.endswith(".npy")]
             seal = archive.comment
+            if foreign:
+                raise TableError(f"{path} holds more than arrays: {foreign[0]!r}", field="table")
+            unpacked = sum(member.file_size for member in archive.infolist())
+            if unpacked > max(MOST_UNPACKED, MOST_SHRUNK * path.stat().st_size):
+                raise TableError(
+                    f"{path} would unpack to {unpacked / MEGABYTE:.0f} MB, allowed: up to "
+                    f"{MOST_UNPACKED // MEGABYTE} MB, or {MOST_SHRUNK} times its size",
+                    field="table",
+                )
+            if any(_promised(archive, member) > member.file_size for member in archive.infolist()):
+                raise ValueError("more numbers than bytes")
         if (seal or sealed) and seal != _seal_of(path, len(seal)):
             raise TableError(f"{path} is damaged: it is not as it was written", field="table")
-        if foreign:
-            raise TableError(f"{path} holds more than arrays: {foreign[0]!r}", field="table")
         with np.load(path, allow_pickle=False) as stored:
             return {name: np.asarray(stored[name]) for name in stored.files}
     except FileNotFoundError:
@@ -312,6 +343,15 @@ def _seal_of(path: Path, end: int) -> bytes:
             digest.update(part)
             left -= len(part)
     return SEAL_OF_ARCHIVE + digest.hexdigest().encode()
+
+
+def _promised(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Return how many bytes the array of a member has by its header, which numpy believes."""
+    with archive.open(member) as stream:
+        first = np.lib.format.read_magic(stream) == (1, 0)
+        read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 def _unread(path: Path, error: OSError | MemoryError) -> ReadError:

@@ -19,7 +19,7 @@ from optimize.design import Array, Design, Rating, ScoreSettings, save_design
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
-from render.files import read_npz, write_bytes, write_npz
+from render.files import parse_json, read_npz, write_bytes, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
 from render.refused_values import problem_sentence
@@ -198,7 +198,7 @@ class OvernightResult:
         path = run / NIGHT
         try:
             scene, arrays = load_scene(run / SCENE), read_npz(path)
-            content = json.loads(str(arrays.pop("night")))
+            content = parse_json(str(arrays.pop("night")))
             if (content.pop("schema"), content.pop("scene_hash")) != (SCHEMA, scene.hash):
                 raise ValueError(f"it is of another version, or of another scene than {SCENE}")
             keys = [entry["key"] for entry in content["finalists"]]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from render.scene.quantities import MOST_LISTED
 from render.small_table import SmallTable, TableRow, number
 
 COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
@@ -60,6 +61,8 @@ class LampLines:
         names = table.header
         if not table.rows:
             raise ValueError("has no lamps: give a header line and one line for each")
+        if len(table.rows) > MOST_LISTED:
+            raise ValueError(f"has {len(table.rows)} lamps, allowed: at most {MOST_LISTED}")
         if not names:
             raise ValueError(
                 f"has no names of columns in its first line, allowed: {', '.join(COLUMNS)}, one of "

@@ -24,6 +24,8 @@ from render.refused_values import allowed_words, in_toml
 
 LONG = 6
 """Values of a list that a part's one line shows; of longer ones it shows how many there are."""
+MOST_LISTED = 512
+"""Entries of a list or a table of a scene file: whatever is checked in pairs has an end."""
 
 
 class Part(BaseModel):

@@ -20,6 +20,7 @@ from render.files import parse_toml, read_text
 from render.refused_values import allowed_words, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.lamps_file import LampLines, RefusedLamps
+from render.scene.quantities import MOST_LISTED
 from render.scene.schema import SCENE_NAME, Scene, Written
 from render.scene.schema.edits import edited, path_of
 from render.scene.schema.newer_keys import LAMPS_FILE, instead_of_key, instead_of_value, keys_at
@@ -249,9 +250,26 @@ def scene_text(name_or_path: str | Path) -> str:
 
 def _parsed(text: str, origin: str) -> dict[str, Any]:
     try:
-        return parse_toml(text)
+        raw = parse_toml(text)
     except ValueError as error:
         raise SceneError(f"{origin} cannot be read as TOML: {error}", field="scene") from None
+    long = [f"{key} has {count} entries" for key, count in _long_lists(raw)]
+    if long:
+        raise SceneError(
+            f"{origin} is not a valid scene: {'; '.join(long)}, allowed: at most {MOST_LISTED}",
+            field="scene",
+        )
+    return raw
+
+
+def _long_lists(content: Any, key: str = "") -> Iterator[tuple[str, int]]:
+    """Yield the keys of lists and tables that are too long to be looked at, and their lengths."""
+    if isinstance(content, dict | list) and len(content) > MOST_LISTED:
+        yield key or "the file", len(content)
+        return
+    entries: Any = content.items() if isinstance(content, dict) else ()
+    for name, part in enumerate(content) if isinstance(content, list) else entries:
+        yield from _long_lists(part, f"{key}.{name}" if key else str(name))
 
 
 def _told(problems: list[Any], raw: Mapping[str, Any], lines: LampLines | None) -> str:

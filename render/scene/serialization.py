@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any, get_args
 
 from render.errors import SceneError
+from render.files import parse_json
 from render.scene.quantities import Part
 from render.scene.schema import Scene
 
@@ -32,7 +33,7 @@ def scene_of(text: str) -> Scene:
         SceneError: the text is none, or was changed on the way.
     """
     try:
-        content = json.loads(text)
+        content = parse_json(text)
         scene: Scene = _part(Scene, content["scene"])
         if scene.hash == content["hash"]:
             return scene

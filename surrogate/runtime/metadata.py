@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from render.errors import ModelError
+from render.files import parse_json
 from render.metric import MetricConfig, current_conventions
 
 SCHEMA = "tactilux-checker-2"
@@ -180,7 +181,7 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
     texts = {"scene", "scene_hash", "training_data_hash", "git_revision", "licence", "schema"}
     try:
         content: dict[str, Any] = {
-            item.name: props[item.name] if item.name in texts else json.loads(props[item.name])
+            item.name: props[item.name] if item.name in texts else parse_json(props[item.name])
             for item in fields(ModelMetadata)
             if item.name not in _LATER or item.name in props
         }

@@ -237,3 +237,68 @@ def test_a_pipe_in_a_folder_and_a_file_without_end_are_refused_at_once(tmp_path:
         files.read_npz(tmp_path / "pipe.npz")
     with pytest.raises(OSError, match="allowed: up to 1,073,741,824"):
         files.read_bytes(tmp_path / "endless")
+
+
+@pytest.mark.parametrize(
+    ("parse", "text"),
+    [
+        (files.parse_toml, f"[{'.'.join('a' * 1500)}]"),
+        (files.parse_toml, f"a = {'[' * 60}{']' * 60}"),
+        (files.parse_toml, f"a = {'{a = ' * 5000}1{'}' * 5000}"),
+        (files.parse_json, f"{'[' * 60}{']' * 60}"),
+        (files.parse_json, f"{'[' * 100_000}{']' * 100_000}"),
+        (files.parse_json, '{"a": ' * 60 + "1" + "}" * 60),
+    ],
+)
+def test_what_lies_too_deep_is_one_sentence(parse: Callable[[str], object], text: str) -> None:
+    with pytest.raises(ValueError, match="its tables and lists lie more than 50 deep in each othe"):
+        parse(text)
+    assert files.parse_json(f"{'[' * 50}1{']' * 50}")
+    assert files.parse_json("5") == 5
+
+
+def test_an_archive_that_unpacks_to_far_more_than_it_is_is_not_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """300 MB of zeros in 0.3 MB: not even numpy sees them."""
+    path = tmp_path / "bomb.npz"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as a,
+    ):
+        np.lib.format.write_array_header_1_0(
+            a, {"descr": "|u1", "fortran_order": False, "shape": (300_000_000,)}
+        )
+        for _ in range(300):
+            a.write(bytes(1_000_000))
+    assert path.stat().st_size < 400_000
+    monkeypatch.setattr(np, "load", short_of(AssertionError("it was unpacked")))
+    with pytest.raises(
+        TableError, match=r"would unpack to 300 MB, allowed: up to 256 MB, or 20 ti"
+    ):
+        files.read_npz(path)
+
+
+def test_a_header_that_promises_more_than_its_file_is_damage_and_no_want_of_memory(
+    tmp_path: Path,
+) -> None:
+    header = io.BytesIO()
+    np.lib.format.write_array_header_2_0(
+        header, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)}
+    )
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", header.getvalue() + bytes(800))
+    with pytest.raises(TableError, match="it is damaged, or holds no arrays"):
+        files.read_npz(tmp_path / "a.npz")
+
+
+def test_a_text_in_utf_16_is_read_by_its_mark(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_bytes("[pad]\r\nname = 'ä'".encode("utf-16"))
+    assert files.read_text(tmp_path / "a.toml") == "[pad]\nname = 'ä'"
+
+
+def test_a_text_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    with (tmp_path / "a.toml").open("wb") as stream:
+        stream.truncate(10**11)
+    with pytest.raises(ValueError, match="cannot be read: it has .* bytes, allowed: up to 4,000,000"):
+        files.read_text(tmp_path / "a.toml")

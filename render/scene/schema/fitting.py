@@ -29,6 +29,8 @@ from render.scene.states import REST, site_problems, state_problems
 if TYPE_CHECKING:
     from render.scene.schema.scene import Scene
 
+MOST_LAMPS = 1024
+
 
 def fitting_problems(scene: Scene) -> list[str]:
     """Return why the parts of a scene do not fit together, a sentence each; none where they do."""
@@ -192,6 +194,9 @@ def _lamp_problems(scene: Scene) -> Iterator[str]:
     if scene.lamp_count == 0:
         named = "fibers: left, tip and right are all 0" if fibers else "there are no lamps"
         yield f"{named}, at least one {'fiber' if fibers else 'row or lamp'} is needed"
+    if scene.lamp_count > MOST_LAMPS:
+        yield f"there are {scene.lamp_count} lamps, allowed: at most {MOST_LAMPS}"
+        return
     if fibers is not None:
         yield from _fiber_problems(scene, fibers)
     yield from row_problems(scene.rows or (), pad.width, pad.length)
