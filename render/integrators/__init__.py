@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import re
 import sys
 from collections.abc import Callable
@@ -54,8 +55,19 @@ def _pass_errors_on(mi: Any) -> None:
     for name in ("load_dict", "load_file", "load_string"):
         setattr(mi, name, _loading(getattr(mi, name)))
 
+    signature = inspect.signature(plain)
+
     @functools.wraps(plain)
     def render(*arguments: Any, **named: Any) -> Any:
+        given = signature.bind_partial(*arguments, **named).arguments
+        scene = given.get("scene")
+        integrator: Any = given.get("integrator")
+        if integrator is None and scene is not None:
+            integrator = scene.integrator()
+        if scene is not None and hasattr(integrator, "refuse_gradients"):
+            # Dr.Jit hides gradients from integrators, and asks for them only afterwards.
+            for parameters in (mi.traverse(scene), given.get("params") or {}):
+                integrator.refuse_gradients(parameters)
         try:
             with steady_registry():
                 return plain(*arguments, **named)

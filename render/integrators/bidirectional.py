@@ -15,12 +15,13 @@ Parameters, named as in Mitsuba 0.6 where it has them:
 - ``replicates`` (8): independent groups, for the error bars.
 - ``error_bars`` (false): append one channel per color with the standard error of each pixel.
 
-Samples per pixel count plain samples and mutations. Pixels are box-filtered.
+Samples per pixel count plain samples and mutations. The film's filter, crop window and formats are
+kept; afterwards it holds the picture, as with Mitsuba's own integrators.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -28,9 +29,11 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
+from render.integrators.film import store_picture
 from render.integrators.film_sampler import FilmSampler
 from render.integrators.mixed_run import LANES, MixedRun
 from render.integrators.subpaths import PathLimits
+from render.integrators.supported_content import refuse_gradients, refuse_variant
 from render.integrators.vertex_cache import SHARED_PATHS
 from render.sampling.monte_carlo import monte_carlo_replicates
 from render.sampling.pssmlt import ChainSettings
@@ -42,13 +45,51 @@ REPLICATES_MIN, REPLICATES_MAX = 2, 4096
 class Bidirectional(mi.SamplingIntegrator):
     """What both integrators share: parameters, and images from replicates."""
 
+    name = "bdpt"
+    max_depth: int
+    rr_depth: int
+    replicates: int
+    error_bars: bool
+    options: ClassVar[dict[str, int | float | bool]] = {
+        "max_depth": -1, "rr_depth": 5, "replicates": 8, "error_bars": False,
+    }  # fmt: skip
+    """All parameters with their defaults, whose types they have."""
+
     def __init__(self, props: Any) -> None:
         mi.SamplingIntegrator.__init__(self, props)
-        # Ranges are checked in ``render``: Mitsuba hides the type of an error in a constructor.
-        self.max_depth = int(props.get("max_depth", -1))
-        self.rr_depth = int(props.get("rr_depth", 5))
-        self.replicates = int(props.get("replicates", 8))
-        self.error_bars = bool(props.get("error_bars", False))
+        # What is wrong is told in ``render``, where a scene that holds the integrator is loaded.
+        self.given = {name: props[name] for name in props.keys()}  # noqa: SIM118 (no mapping)
+        for name, default in self.options.items():
+            setattr(self, name, self.given.get(name, default))
+            props.mark_queried(name)
+
+    def refuse_options(self) -> None:
+        """Raise a RenderError for a parameter that is unknown, of another type or out of range."""
+        options = ", ".join(self.options)
+        for name, value in self.given.items():
+            default = self.options.get(name)
+            # Every integrator of Mitsuba has this one.
+            if name == "hide_emitters" and value is False:
+                continue
+            if default is None:
+                value = value.class_name() if isinstance(value, mi.Object) else value
+                raise RenderError(
+                    f"{name} = {value} is not supported by {self.name}, allowed: {options}; "
+                    "leave it out, or use path or volpath",
+                    field=name,
+                )
+            whole = type(value) is int and type(default) is float
+            if type(value) is not type(default) and not whole:
+                raise RenderError(
+                    f"{name} = {value!r} is of type {type(value).__name__}, allowed: "
+                    f"{type(default).__name__}; write {default}, say",
+                    field=name,
+                )
+        if not REPLICATES_MIN <= self.replicates <= REPLICATES_MAX:
+            raise RenderError(
+                f"replicates = {self.replicates}, allowed: {REPLICATES_MIN} to {REPLICATES_MAX}",
+                field="replicates",
+            )
 
     @property
     def limits(self) -> PathLimits:
@@ -69,11 +110,9 @@ class Bidirectional(mi.SamplingIntegrator):
         Raises:
             RenderError: for parameters or content that is not supported, or where nothing is lit.
         """
-        if not REPLICATES_MIN <= self.replicates <= REPLICATES_MAX:
-            raise RenderError(
-                f"replicates = {self.replicates}, allowed: {REPLICATES_MIN} to {REPLICATES_MAX}",
-                field="replicates",
-            )
+        refuse_variant()
+        self.refuse_options()
+        refuse_gradients(mi.traverse(scene))
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         if spp == 0:
@@ -92,7 +131,27 @@ class Bidirectional(mi.SamplingIntegrator):
             error = replicates.std(axis=0, ddof=1) / np.sqrt(len(replicates))
             image = np.concatenate([image, error], axis=-1)
         shape = (sampler.height, sampler.width, image.shape[-1])
-        return mi.TensorXf(image.reshape(shape).astype(np.float32))
+        store_picture(sensor.film(), image.reshape(shape), self.aov_names())
+        return sensor.film().develop() if develop else mi.TensorXf()
+
+    def sample(self, *_: Any, **__: Any) -> Any:
+        """Refuse to be asked for single rays, as integrators around this one do."""
+        raise RenderError(
+            f"{self.name} is inside of another integrator, which asks for single rays, allowed: "
+            f"by itself; render with {self.name} alone, or put path or volpath there",
+            field="integrator",
+        )
+
+    def render_forward(self, *_: Any, **__: Any) -> Any:
+        """Refuse to compute gradients."""
+        raise RenderError(
+            f"{self.name} does not compute gradients, allowed: pictures; use prb or prbvolpath",
+            field="params",
+        )
+
+    render_backward = render_forward
+    refuse_gradients = staticmethod(refuse_gradients)
+    """For what calls ``render`` while Dr.Jit hides gradients."""
 
     def aov_names(self) -> list[str]:
         """Return the names of the channels that ``error_bars`` appends."""
@@ -112,12 +171,14 @@ def _number(seed: Any) -> int:
 class PSSMLT(Bidirectional):
     """Primary sample space Metropolis light transport, where it lowers the error of ``bdpt``."""
 
-    def __init__(self, props: Any) -> None:
-        Bidirectional.__init__(self, props)
-        self.luminance_samples = int(props.get("luminance_samples", 100_000))
-        self.p_large = float(props.get("p_large", 0.6))
-        self.chains = int(props.get("chains", 16384))
-        self.chains_only = bool(props.get("chains_only", False))
+    name = "pssmlt"
+    luminance_samples: int
+    p_large: float
+    chains: int
+    chains_only: bool
+    options: ClassVar[dict[str, int | float | bool]] = Bidirectional.options | {
+        "luminance_samples": 100_000, "p_large": 0.6, "chains": 16384, "chains_only": False,
+    }  # fmt: skip
 
     def replicate_images(self, sampler: FilmSampler, seed: int, spp: int) -> Array:
         """Divide the samples between plain ones and chains."""

@@ -19,6 +19,8 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
+from render.integrators.supported_content import class_of
+from render.integrators.supported_plugins import PLUGINS
 from render.optics.fiber_profile import angle, density, sample_direction, truncated_mass
 from render.optics.measured_profile import STEPS, measured_density, sample_measured
 from render.paths.connect import density_at, optical_depth
@@ -39,7 +41,6 @@ _KINDS = {
     "MeasuredEmitter": MEASURED, "DirectionalEmitter": DIRECTIONAL,
     "ConstantBackgroundEmitter": ENVIRONMENT, "EnvironmentMapEmitter": ENVIRONMENT,
 }  # fmt: skip
-ALLOWED = "area, point, spot, directional, constant, envmap, fiber, measured_light"
 SPHERE_MARGIN = 1.001
 """Radius of the disk that light from afar comes through, over the bounding sphere's."""
 
@@ -86,22 +87,24 @@ class Emission:
     """All emitters of one Mitsuba scene."""
 
     def __init__(self, scene: mi.Scene, around: mi.Sensor | None = None) -> None:
-        """Classify the emitters; light may also be in the medium ``around`` a camera.
+        """Classify the emitters, which are of supported kinds.
+
+        Light may also be in the medium ``around`` a camera.
 
         Raises:
-            RenderError: for a scene without emitters or with one that is not supported.
+            RenderError: for a scene without emitters.
         """
         emitters = scene.emitters()
         if not emitters:
             raise RenderError(
                 "the scene has no emitter (those of surfaces go into their shapes), at least one "
-                f"is needed: {ALLOWED}",
+                f"is needed: {', '.join(PLUGINS['emitter'])}",
                 field="emitter",
             )
         kinds, widths, firsts = [], [], []
         tables = [np.linspace(0.0, 1.0, STEPS + 1, dtype=np.float32)]
         for emitter in emitters:
-            kind = _kind(emitter)
+            kind = _KINDS[class_of(emitter)]
             kinds.append(kind)
             widths.append(float(getattr(emitter, "sigma_v", 1.0)))
             firsts.append(len(tables) * (STEPS + 1) if kind == MEASURED else 0)
@@ -416,24 +419,6 @@ def bounding_sphere(scene: mi.Scene) -> tuple[Array, float]:
     around = np.concatenate(corners)
     low, high = around.min(axis=0), around.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-6)
-
-
-def _kind(emitter: mi.Emitter) -> int:
-    """Return what an emitter is.
-
-    Raises:
-        RenderError: names one that is not supported.
-    """
-    # Emitters written in Python all share one class name in Mitsuba.
-    name = type(emitter).__name__
-    name = emitter.class_name() if name == "Emitter" else name
-    if name not in _KINDS:
-        raise RenderError(
-            f"emitter {emitter.id()!r} is a {name}, which is not supported, allowed: {ALLOWED}; "
-            "use path or volpath for this scene",
-            field="emitter",
-        )
-    return _KINDS[name]
 
 
 def _area(emitter: mi.Emitter, kind: int) -> float:

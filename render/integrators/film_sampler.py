@@ -10,9 +10,11 @@ import numpy as np
 
 from render.integrators.connections import connect_subpaths
 from render.integrators.emitters import Emission
+from render.integrators.film import PixelFilter
 from render.integrators.medium_boxes import MediumBoxes
 from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import (
+    CameraRay,
     PathLimits,
     connect_to_camera,
     trace_camera_subpath,
@@ -50,7 +52,8 @@ class FilmSampler:
         self.emission = Emission(scene, sensor)
         self.mirrors = MirrorSet.of(scene)
         self.boxes = MediumBoxes(scene, sensor)
-        self.width, self.height = (int(n) for n in sensor.film().crop_size())
+        self.filter = PixelFilter(sensor.film())
+        self.width, self.height = self.filter.width, self.filter.height
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
         # Between the clipping planes, from the near one on.
@@ -77,15 +80,17 @@ class FilmSampler:
         seen, importance = self.sensor.sample_direction(ahead, aperture)
         # Mitsuba's rays begin at the near plane; densities count from the place on the lens. At
         # unit distance the importance is the density of the ray per solid angle.
-        density = channel_mean(importance) * dr.squared_norm(ahead.p - seen.p)
-        ray.o = mi.Point3f(seen.p)
-        medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
+        near = dr.norm(ray.o - seen.p)
+        start = CameraRay(
+            o=mi.Point3f(ray.o), d=mi.Vector3f(ray.d), near=near, far=near + ray.maxt,
+            medium=dr.zeros(mi.MediumPtr) if self.medium is None else self.medium,
+            density=channel_mean(importance) * dr.squared_norm(ahead.p - seen.p),
+            beta=beta + dr.zeros(mi.Spectrum, lanes),
+        )  # fmt: skip
         # ------------------------------ Both subpaths ---------------------------------
         camera_subpath = trace_camera_subpath(
-            self.scene, self.emission, ray, medium, density,
-            beta + dr.zeros(mi.Spectrum, lanes), camera, self.limits, self.mirrors,
-            projection_weight,
-        )  # fmt: skip
+            self.scene, self.emission, start, camera, self.limits, self.mirrors, projection_weight
+        )
         light_vertices = trace_light_subpath(
             self.scene, self.sensor, self.emission, light, self.limits, self.mirrors,
             SHARED_VERTICES if shared else UNSHARED_VERTICES,
@@ -106,19 +111,15 @@ class FilmSampler:
         projected *= projected_weight
         # A film position has density 1, a pixel the probability 1 / bins.
         radiance = camera_subpath.radiance + connected
-        here = [value * self.bins for value in radiance]
-        there = [value * self.bins for value in projected]
         size = mi.Vector2f(self.width, self.height)
-        return [Splat(self._pixel(position * size), here), Splat(self._pixel(where), there)]
+        pixel, weight = self.filter.pixel(position * size, numbers[2])
+        here = [value * self.bins * weight for value in radiance]
+        other, weight = self.filter.pixel(where, numbers[3])
+        there = [value * self.bins * weight for value in projected]
+        return [Splat(pixel, here), Splat(other, there)]
 
     def sharing(self, lanes: int, groups: int, paths: int) -> FilmSampler:
         """Return this sampler for plain Monte Carlo, whose lanes share as in ``LaneGroups``."""
         other = copy(self)
         other.groups = LaneGroups(lanes, groups, paths)
         return other
-
-    def _pixel(self, position: mi.Point2f) -> mi.UInt32:
-        """Return the pixel of film positions in pixels."""
-        column = dr.minimum(mi.UInt32(dr.maximum(position.x, 0.0)), self.width - 1)
-        row = dr.minimum(mi.UInt32(dr.maximum(position.y, 0.0)), self.height - 1)
-        return row * self.width + column

@@ -139,13 +139,29 @@ class CameraSubpath:
     mirror_end: CameraVertex
 
 
+@dataclass
+class CameraRay:
+    """A ray of the camera, drawn with ``density`` per solid angle (a Dr.Jit PyTree).
+
+    It begins at ``o`` on the near clipping plane. ``near`` and ``far`` are the distances of both
+    planes along it from the lens.
+    """
+
+    o: mi.Point3f
+    d: mi.Vector3f
+    near: mi.Float
+    far: mi.Float
+    medium: mi.MediumPtr
+    density: mi.Float
+    beta: mi.Spectrum
+
+
 @dr.syntax
 def trace_camera_subpath(
-    scene: mi.Scene, emission: Emission, ray: mi.Ray3f, medium: mi.MediumPtr, density: mi.Float,
-    beta: mi.Spectrum, stream: Stream, limits: PathLimits, mirrors: MirrorSet | None,
-    projection_weight: float,
+    scene: mi.Scene, emission: Emission, start: CameraRay, stream: Stream, limits: PathLimits,
+    mirrors: MirrorSet | None, projection_weight: float,
 ) -> CameraSubpath:  # fmt: skip
-    """Trace camera subpaths along ``ray``, which was drawn with ``density`` per solid angle.
+    """Trace camera subpaths along the rays of the camera.
 
     Light vertices that are connected to the camera count ``projection_weight`` times as much as
     other connections.
@@ -159,15 +175,19 @@ def trace_camera_subpath(
     free = stream.event(mi.UInt32(1))[0]
     # Georgiev 2012, eqs. 31 and 32: the sum starts from the strategy that connects to the camera.
     state = begin_subpath(
-        ray.o, ray.d, medium, beta, projection_weight * dr.rcp(density), mi.Float(0.0), free
-    )
+        start.o, start.d, start.medium, start.beta, projection_weight * dr.rcp(start.density),
+        mi.Float(0.0), free,
+    )  # fmt: skip
+    state.length = mi.Float(start.near)
     passes = mi.UInt32(VOLUME_PASSES)  # volume vertices that may still be passed
     event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
-    active = dr.full(mi.Bool, True, dr.width(ray.o))  # lanes under way
+    active = dr.full(mi.Bool, True, dr.width(start.o))  # lanes under way
     while active:
         if not emission.media:
             state = in_vacuum(state)
-        state, v, arrived, escaped = trace_segment(scene, state, active)
+        # Nothing behind the far plane is seen, but the sky.
+        reach = dr.select(edges == 1, start.far, dr.inf)
+        state, v, arrived, escaped = trace_segment(scene, state, active, reach)
         # ---------------------------- Emitters that are met ---------------------------
         # Light subpaths of one vertex are not connected to the camera: nothing competes with the
         # first hit.
@@ -346,7 +366,9 @@ def connect_to_camera(
     value = v.beta * value * importance
     active = active & (dr.max(value) > 0)
     eye = empty_vertex()
-    eye.p, eye.volume = ds.p, mi.Bool(True)
+    # The near clipping plane hides all that is before it.
+    near = sensor.near_clip() / dr.select(active, -dr.dot(ds.d, ds.n), 1.0)
+    eye.p, eye.volume = ds.p - near * ds.d, mi.Bool(True)
     depth, clear = optical_depth(scene, v, eye, active)
     transmittance = dr.exp(-depth)
     density = density_at(v, ds.d, channel_mean(importance), transmittance, active)

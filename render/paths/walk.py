@@ -132,11 +132,12 @@ def intersect(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInte
 
 
 def trace_segment(
-    scene: mi.Scene, state: SubpathState, active: mi.Bool
+    scene: mi.Scene, state: SubpathState, active: mi.Bool, reach: mi.Float | None = None
 ) -> tuple[SubpathState, Vertex, mi.Bool, mi.Bool]:
     """Cast one ray; return the state, the vertex, whether it is one, and whether light escaped.
 
-    Neither means that a null boundary was crossed and the segment goes on.
+    Neither means that a null boundary was crossed and the segment goes on. Light also escapes where
+    the segment gets as long as ``reach``, if that is given.
     """
     # -------------------- Free path, or the nearest surface ---------------------
     sigma_s, sigma_t = extinction(state.medium, active)
@@ -145,11 +146,16 @@ def trace_segment(
         driving = dr.select(state.channel == c, sigma_t[c], driving)
     free = dr.select(driving > 0, state.tau / driving, dr.inf)
     # Rays that end with the free path are much cheaper to cast than unbounded ones.
-    si = intersect(scene, mi.Ray3f(mi.Ray3f(state.o, state.d), free), active)
+    end = free if reach is None else dr.minimum(free, reach - state.length)
+    si = intersect(scene, mi.Ray3f(mi.Ray3f(state.o, state.d), end), active)
     volume = active & (driving > 0) & (free < si.t)
+    if reach is not None:
+        volume &= free <= end
     escaped = active & ~volume & ~si.is_valid()
     t = dr.select(volume, free, si.t)
     moved = active & ~escaped
+    if reach is not None:
+        state.depth += dr.select(escaped & (end < dr.inf), sigma_t * end, 0.0)
     state.depth = dr.select(moved, state.depth + sigma_t * t, state.depth)
     state.length = dr.select(moved, state.length + t, state.length)
     state.tau = dr.select(moved, state.tau - driving * t, state.tau)
