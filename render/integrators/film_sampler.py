@@ -11,7 +11,7 @@ import numpy as np
 from render.integrators.connections import connect_subpaths
 from render.integrators.emitters import Emission
 from render.integrators.film import PixelFilter
-from render.integrators.medium_boxes import MediumBoxes
+from render.integrators.medium_boxes import MediumBoxes, refuse_undeclared_media
 from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import (
     CameraRay,
@@ -50,6 +50,7 @@ class FilmSampler:
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.groups: LaneGroups | None = None
         self.emission = Emission(scene, sensor)
+        refuse_undeclared_media(scene, sensor, self.emission)
         self.mirrors = MirrorSet.of(scene)
         self.boxes = MediumBoxes(scene, sensor)
         self.filter = PixelFilter(sensor.film())

@@ -14,13 +14,19 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.integrators.emitters import shape_corners
+from render.errors import RenderError
+from render.integrators.emitters import Emission, shape_corners
 from render.paths.vertex import Vertex, channel_mean, extinction, leave
+from render.sampling.streams import HashedStream
 
 FILLED_MIN = 0.98
 """Fraction of a box that its medium fills, at least, to be taken for the box."""
 PROBE_COUNT = 4096
 """Points by which that fraction is measured."""
+RAY_COUNT = 64
+"""Rays by which it is found in what medium the camera and each emitter are."""
+CROSSED_MAX = 4
+"""Surfaces that such a ray looks through, at most."""
 OPTICAL_DEPTH_MAX = 4.0
 """Where optical depths in weights are cut: those are never 0."""
 
@@ -84,6 +90,49 @@ class MediumBoxes:
             end = dr.select(hit.is_valid(), hit.t, distance)
             depth = dr.select(rest, sigma * end, depth)
         return dr.exp(-dr.minimum(depth, OPTICAL_DEPTH_MAX))
+
+
+def refuse_undeclared_media(scene: mi.Scene, sensor: mi.Sensor, emission: Emission) -> None:
+    """Raise a RenderError for a camera or an emitter in a medium that it does not declare.
+
+    Mitsuba's ``volpath`` looks from the camera only, and never asks in what an emitter is; light
+    subpaths start there, and end at the camera.
+    """
+    if not any(s.interior_medium() or s.exterior_medium() for s in scene.shapes()):
+        return
+    x, y, u, v = HashedStream(dr.arange(mi.UInt32, RAY_COUNT)).event(mi.UInt32(0))
+    seen, _ = sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), mi.Point2f(x, y), mi.Point2f(u, v))
+    camera = sensor.get_medium()
+    medium = dr.zeros(mi.MediumPtr) if camera is None else mi.MediumPtr(camera)
+    _refuse_other_medium(scene, seen.o, seen.d, medium, f"sensor {sensor.id()!r}")
+    for i, emitter in enumerate(scene.emitters()):
+        pick = dr.full(mi.Float, (i + 0.5) / emission.count, RAY_COUNT)
+        ray = emission.start(pick, mi.Point2f(x, y), u, v)
+        _refuse_other_medium(scene, ray.o, ray.d, ray.medium, f"emitter {emitter.id()!r}")
+
+
+def _refuse_other_medium(
+    scene: mi.Scene, origin: mi.Point3f, d: mi.Vector3f, medium: mi.MediumPtr, subject: str
+) -> None:
+    """Raise a RenderError where most boundaries that rays reach first have another medium here."""
+    going = dr.full(mi.Bool, True, RAY_COUNT)
+    boundary, other = (dr.full(mi.Bool, False, RAY_COUNT) for _ in range(2))
+    ray = mi.Ray3f(origin, d)
+    for _ in range(CROSSED_MAX):
+        si = scene.ray_intersect(ray, going)
+        going &= si.is_valid()
+        here = going & si.is_medium_transition()
+        other |= here & (si.target_medium(-d) != medium)
+        boundary |= here
+        # What is no boundary has the same medium on both sides.
+        going &= ~here
+        ray = si.spawn_ray(d)
+    if 2 * dr.count(other)[0] > dr.count(boundary)[0]:
+        raise RenderError(
+            f"{subject} is in another medium than it declares, allowed: the one around it; give "
+            "it (or the shape of the emitter, as exterior) that medium",
+            field="medium",
+        )
 
 
 def _filled_fraction(scene: mi.Scene, medium: mi.MediumPtr, low: Array, high: Array) -> float:

@@ -339,12 +339,24 @@ def trace_light_subpath(
     )  # fmt: skip
 
 
-def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
-    """Return what ``v`` sends to the lens in a vacuum, nothing in the way."""
+def _lens_seen_from(
+    sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool
+) -> tuple[mi.DirectionSample3f, mi.Spectrum, mi.Bool]:
+    """Return a place on the lens as seen from ``v``, its importance, and whether there is any.
+
+    Mitsuba's ``thinlens`` does not ask whether ``v`` is between its clipping planes.
+    """
     it = dr.zeros(mi.Interaction3f)
     it.p = v.p
     ds, importance = sensor.sample_direction(it, aperture, active)
+    depth = dr.dot(it.p - ds.p, ds.n)
     active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
+    return ds, importance, active & (depth >= sensor.near_clip()) & (depth <= sensor.far_clip())
+
+
+def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
+    """Return what ``v`` sends to the lens in a vacuum, nothing in the way."""
+    ds, importance, active = _lens_seen_from(sensor, v, aperture, active)
     sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
     return dr.select(active, channel_mean(sent), 0.0)
 
@@ -358,10 +370,7 @@ def connect_to_camera(
     Two uniform numbers, ``aperture``, choose a place on the lens. This strategy counts
     ``projection_weight`` times as much as others.
     """
-    it = dr.zeros(mi.Interaction3f)
-    it.p = v.p
-    ds, importance = sensor.sample_direction(it, aperture, active)
-    active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
+    ds, importance, active = _lens_seen_from(sensor, v, aperture, active)
     value, _, reverse = evaluate_scattering(v, ds.d, mi.TransportMode.Importance, active)
     value = v.beta * value * importance
     active = active & (dr.max(value) > 0)

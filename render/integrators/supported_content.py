@@ -54,8 +54,12 @@ def refuse_variant() -> None:
 
 def refuse_gradients(parameters: Any) -> None:
     """Raise a RenderError where gradients are asked for of ``parameters``, a mapping of them."""
-    for name, value in parameters.items():
-        if dr.grad_enabled(value):
+    for name in list(parameters.keys()):
+        try:
+            enabled = dr.grad_enabled(parameters[name])
+        except TypeError:  # Mitsuba 3.9 lists parameters of hair that were not given
+            continue
+        if enabled:
             raise RenderError(
                 f"{name} has gradients enabled, which bdpt and pssmlt do not compute, allowed: "
                 "none; use prb or prbvolpath, or dr.disable_grad",
@@ -150,7 +154,7 @@ def _refuse_plugin(kind: str, part: mi.Object, owner: str) -> None:
         raise RenderError(
             f"{subject} {article} {plugin}, which is not supported as {kind}, allowed: "
             f"{', '.join(PLUGINS.get(kind, {})) or 'none'}; {step} for this scene",
-            field="bsdf" if kind == "texture" else kind,
+            field=_field(kind, owner),
         )
     allowed = set(known[name].split())
     if isinstance(part, mi.Mesh):
@@ -161,8 +165,23 @@ def _refuse_plugin(kind: str, part: mi.Object, owner: str) -> None:
     check_names(part, f"{kind} {part.id()!r}", allowed)
 
 
+def _field(kind: str, owner: str) -> str:
+    """Return what an error is about: a texture is part of a BSDF, or of what it belongs to."""
+    if kind not in ("texture", "volume"):
+        return kind
+    return "bsdf" if owner.startswith("shape") else owner.partition(" ")[0]
+
+
 def _refuse_values(part: mi.Object, owner: str) -> None:
     """Raise a RenderError for a value with which Mitsuba's integrators would render otherwise."""
+    if isinstance(part, mi.Sensor):
+        # Mitsuba's own importance is that of the picture that is not shifted.
+        for name in ("principal_point_offset_x", "principal_point_offset_y"):
+            if (offset := _number(part, name, 0.0)) != 0.0:
+                raise RenderError(
+                    f"sensor {part.id()!r} has {name} = {offset:g}, allowed: 0; crop a larger film",
+                    field=name,
+                )
     if isinstance(part, mi.Film):
         if mi.has_flag(part.flags(), mi.FilmFlags.Alpha):
             raise RenderError(
@@ -183,7 +202,7 @@ def _refuse_values(part: mi.Object, owner: str) -> None:
                     "constvolume; use volpath for this scene",
                     field="medium",
                 )
-    if isinstance(part, mi.Emitter) and (weight := sampling_weight(part)) <= 0:
+    if isinstance(part, mi.Emitter) and (weight := _number(part, "sampling_weight", 1.0)) <= 0:
         raise RenderError(
             f"emitter {part.id()!r} has sampling_weight = {weight:g}, allowed: above 0; leave the "
             "emitter out, or use path",
@@ -203,7 +222,7 @@ def _refuse_values(part: mi.Object, owner: str) -> None:
             )
 
 
-def sampling_weight(emitter: mi.Emitter) -> float:
-    """Return the parameter; emitters that are written in Python do not show theirs, which is 1."""
-    parameters = mi.traverse(emitter)
-    return float(parameters["sampling_weight"]) if "sampling_weight" in parameters else 1.0
+def _number(part: mi.Object, name: str, default: float) -> float:
+    """Return a parameter; ``default`` where ``part`` does not show it."""
+    parameters = mi.traverse(part)
+    return float(dr.slice(parameters[name])) if name in parameters else default
