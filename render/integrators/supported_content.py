@@ -115,9 +115,9 @@ def _children(part: mi.Object) -> dict[str, Any]:
 def _shown_names(part: mi.Object) -> set[str]:
     """Return the names of all parameters, by traversal and by the description."""
     text, (values, parts) = str(part).rstrip(), _traversed(part)
-    # Some descriptions hold those of their parts as they are.
-    for child in _children(part).values():
-        text = text.replace(str(child), "")
+    # Some descriptions hold those of their parts as they are; long ones may hold short ones.
+    for child in sorted(map(str, _children(part).values()), key=len, reverse=True):
+        text = text.replace(child, "")
     pattern = r"^(?:  (\w+)(?:\[\d+\])? = |(\w+): )" if "\n" in text else r"[\[,] ?(\w+)()="
     described = {name or other for name, other in re.findall(pattern, text, re.MULTILINE)}
     return described | values | set(parts)

@@ -97,6 +97,8 @@ def test_error_bars_append_one_channel_per_color(mono: ModuleType) -> None:
     result = image(mono, scene, 64, type="bdpt")
     assert result.shape == (SIZE, SIZE, 2)
     assert (result[..., 1] > 0).all()
+    # The film holds what was rendered last, and not what was before.
+    np.testing.assert_array_equal(np.array(scene.sensors()[0].film().bitmap()), result)
     assert mono.load_dict({"type": "bdpt", "error_bars": True}).aov_names() == ["standard_error.Y"]
 
 
