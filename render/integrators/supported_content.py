@@ -14,11 +14,15 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from render.errors import RenderError
 from render.integrators.supported_plugins import PLUGINS, REFUSED
 
 VARIANTS = ("llvm_ad_mono", "llvm_ad_rgb", "cuda_ad_mono", "cuda_ad_rgb")
+EDGE, OFF_MAX = 1e-3, 1e-3
+"""How close to the edges of a picture it is tried whether cameras take light where they look, and
+how far off that may be, in widths of the picture."""
 _BASES = {
     "sensor": "Sensor", "film": "Film", "rfilter": "ReconstructionFilter", "sampler": "Sampler",
     "emitter": "Emitter", "shape": "Shape", "bsdf": "BSDF", "medium": "Medium",
@@ -40,6 +44,7 @@ def refuse_unsupported(scene: mi.Scene, sensor: mi.Sensor) -> None:
         for kind, inner, owner in _contents(part, ""):
             _refuse_plugin(kind, inner, owner)
             _refuse_values(inner, owner)
+    _refuse_lens(sensor)
 
 
 def refuse_variant() -> None:
@@ -174,14 +179,6 @@ def _field(kind: str, owner: str) -> str:
 
 def _refuse_values(part: mi.Object, owner: str) -> None:
     """Raise a RenderError for a value with which Mitsuba's integrators would render otherwise."""
-    if isinstance(part, mi.Sensor):
-        # Mitsuba's own importance is that of the picture that is not shifted.
-        for name in ("principal_point_offset_x", "principal_point_offset_y"):
-            if (offset := _number(part, name, 0.0)) != 0.0:
-                raise RenderError(
-                    f"sensor {part.id()!r} has {name} = {offset:g}, allowed: 0; crop a larger film",
-                    field=name,
-                )
     if isinstance(part, mi.Film):
         if mi.has_flag(part.flags(), mi.FilmFlags.Alpha):
             raise RenderError(
@@ -220,6 +217,30 @@ def _refuse_values(part: mi.Object, owner: str) -> None:
                 "a black diffuse BSDF",
                 field="bsdf",
             )
+
+
+def _refuse_lens(sensor: mi.Sensor) -> None:
+    """Raise a RenderError for a camera that would not take light where its own rays look.
+
+    Mitsuba's cameras do so, and ``ptracer`` lacks that light, with a principal point that is
+    shifted, and with a focus that is not between the clipping planes.
+    """
+    side = np.linspace(EDGE, 1.0 - EDGE, 8, dtype=np.float32)
+    x, y = (axis.ravel() for axis in np.meshgrid(side, side))
+    place, size = mi.Point2f(x, y), mi.Vector2f(sensor.film().crop_size())
+    ray, _ = sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), place, mi.Point2f(y, x))
+    it = dr.zeros(mi.Interaction3f)
+    near = float(sensor.near_clip())
+    it.p = ray(float(np.sqrt(near * sensor.far_clip())) - near)
+    ds, importance = sensor.sample_direction(it, mi.Point2f(y, x))
+    off = dr.norm(ds.uv - place * size) > OFF_MAX * dr.max(size)
+    if dr.any(off | ~(dr.max(importance) > 0)):
+        raise RenderError(
+            f"sensor {sensor.id()!r} takes no light from where its own rays look, allowed: "
+            "principal_point_offset_x and _y of 0, focus_distance between near_clip and far_clip; "
+            "crop a larger film, or use path",
+            field="sensor",
+        )
 
 
 def _number(part: mi.Object, name: str, default: float) -> float:

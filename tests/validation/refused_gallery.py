@@ -200,7 +200,16 @@ def _cameras() -> dict[str, Case]:
 
     return {name: (_with(film=film), named) for name, (film, named) in films.items()} | {
         "sensor perspective, principal point": (
-            _with(lens={"principal_point_offset_y": 0.1}), "principal_point_offset_y = 0.1"
+            _with(lens={"principal_point_offset_y": 0.1}), "no light from where its own rays"
+        ),
+        "sensor thinlens, focus behind the far plane": (
+            _with(
+                lens={
+                    "type": "thinlens", "aperture_radius": 0.1, "focus_distance": 8.0,
+                    "far_clip": 6.0,
+                }
+            ),
+            "no light from where its own rays",
         ),
         "sensor orthographic": (sensor("orthographic"), "is a OrthographicCamera"),
         "sensor distant": (sensor("distant"), "is a DistantSensor"),
