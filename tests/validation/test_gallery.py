@@ -146,7 +146,7 @@ def test_the_sampler_of_a_scene_changes_nothing_but_the_number_of_samples(
     integrator = rgb.load_dict({"type": "bdpt"})
     pictures = {}
     for name in SAMPLERS if LONG else SAMPLERS[:2]:
-        scene = view(rgb, {"sampler": {"type": name, "sample_count": 16}}, {})
+        scene = view(rgb, {"sampler": {"type": name, "sample_count": 4}}, {})
         pictures[name] = np.array(rgb.render(scene, integrator=integrator))
         np.testing.assert_array_equal(pictures[name], pictures["independent"])
         table[f"sampler {name}"] = "bit-equal to independent"
