@@ -281,7 +281,7 @@ SINGLE_CAMERAS: dict[str, tuple[Content, Content]] = {
     "sensor perspective, near_clip": ({"near_clip": 3.5}, {}),
     "sensor perspective, far_clip": ({"far_clip": 5.0}, {}),
     "sensor thinlens": ({"type": "thinlens", "aperture_radius": 0.3, "focus_distance": 4.0}, {}),
-    "film hdrfilm, crop": ({}, {"crop_width": 8, "crop_height": 6, "crop_offset_x": 5}),
+    "film hdrfilm, crop": ({}, {"crop_width": 8, "crop_height": 6, "crop_offset_y": 7}),
     "film hdrfilm, sample_border": ({}, {"sample_border": True}),
     "rfilter box": ({}, {}),
     "rfilter gaussian": ({}, {"rfilter": {"type": "gaussian"}}),
@@ -316,8 +316,9 @@ def view(
             "emitter": {"type": "area", "radiance": color(mi, [6.0, 5.0, 4.0])},
         },
     }  # fmt: skip
-    # Light in every block, beyond the far plane too.
-    content["sky"] = {"type": "constant", "radiance": gray(mi, 0.2)}
+    # Light in every block, beyond the far plane too, with a spread to test against.
+    pixels = np.random.default_rng(5).random((64, 128, 3)).astype(np.float32)
+    content["sky"] = {"type": "envmap", "bitmap": mi.Bitmap(pixels), "scale": 0.4}
     for name, x, y in (("near cube", 0.6, -0.6), ("far cube", 0.8, 1.2)):
         to_world = transform.translate([x, y, 0.3]).scale(0.3)
         content[name] = {"type": "cube", "to_world": to_world, "bsdf": diffuse(mi, 0.7)}
