@@ -300,7 +300,5 @@ def test_a_text_in_utf_16_is_read_by_its_mark(tmp_path: Path) -> None:
 def test_a_text_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
     with (tmp_path / "a.toml").open("wb") as stream:
         stream.truncate(10**11)
-    with pytest.raises(
-        ValueError, match="allowed: up to 4,000,000"
-    ):
+    with pytest.raises(ValueError, match="allowed: up to 4,000,000"):
         files.read_text(tmp_path / "a.toml")
