@@ -66,6 +66,7 @@ TOGETHER = {
             "optimize",
             "runs",
             "score",
+            "sensitivity",
             "verify",
         )
     )

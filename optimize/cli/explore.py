@@ -42,9 +42,9 @@ def run(
     from optimize.report import DESIGN, print_scores, warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
-        declared_tolerances,
         print_study,
         study_robustness,
+        usual_tolerances_note,
     )
     from optimize.scoring import first_model, is_prompt, open_model
     from optimize.ui.output import check_target, design_in
@@ -55,7 +55,8 @@ def run(
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
         if robust is not None:
-            declared_tolerances(scene)
+            for told in usual_tolerances_note(scene):
+                note(told)
         if shadow is not None and not math.isfinite(shadow):
             raise DesignError(
                 f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"

@@ -29,18 +29,21 @@ def run(
     from optimize.design import limits_of, open_rated
     from optimize.robust import (
         check_slopes,
-        declared_tolerances,
         material_slopes,
         print_sensitivities,
         score_slopes,
         sensitivities,
+        tolerances_of,
+        usual_tolerances_note,
     )
     from optimize.scoring import TableScorer, open_model, search_table
 
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
         sensor = candidate.scene
-        spreads = declared_tolerances(sensor)
+        spreads = tolerances_of(sensor)
+        for told in usual_tolerances_note(sensor):
+            note(told)
         checker = open_model(sensor, model)
         table = search_table(checker)
         scorer = TableScorer(table, limits=limits_of(sensor))

@@ -16,12 +16,18 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from optimize.design import Design, limits_of
-from optimize.robust import material_slopes, sensitivities
+from optimize.robust import (
+    MATERIALS,
+    material_slopes,
+    sensitivities,
+    spread_words,
+    tolerances_of,
+)
 from optimize.scoring import TableScorer, predict_design, search_table
 from render.chebyshev import chebyshev_nodes
 from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses
 from render.progress import OnProgress
-from render.scene import OFF, Scene, Spread
+from render.scene import OFF, Scene
 from surrogate.runtime import Checker
 
 FULL_MILLIAMPERES = 20.0
@@ -239,13 +245,6 @@ def leaning(edge: str, angle: float) -> str:
     return f"{abs(lean):g}° to the {low if lean > 0 else high}"
 
 
-USUAL = {
-    "fiber_angle": ("5° of every fiber's angle", Spread("normal", np.radians(5.0), "usual")),
-    "led_power": ("5 % of every LED's power", Spread("normal", 0.05, "usual")),
-    "camera_gain": ("2 % of the camera's gain", Spread("normal", 0.02, "usual")),
-}
-"""Standard deviations of errors that need no other material."""
-LAYER = {"diffuser_thickness": ("0.06 mm of the diffuser", Spread("normal", 0.06, "usual"))}
 LAYER_NODES = 13
 """Directions of a table with slopes by the material; enough for tenths of a count."""
 
@@ -276,20 +275,22 @@ def mounting_error_costs(
     layer: bool = False,
     progress: OnProgress | None = None,
 ) -> list[ErrorCost]:
-    """Return what the `USUAL` errors cost ``design``, the dearest first.
+    """Return what the tolerances of ``scene`` cost ``design``, the dearest first.
 
-    ``layer`` asks also for the thickness of the diffuser, where there is one: two previews, of
-    which ``progress`` is told.
+    ``layer`` asks also for those of the material, with two previews for each, of which ``progress``
+    is told.
     """
-    usual, slopes = dict(USUAL), {}
-    if not any(scene.turning):
-        del usual["fiber_angle"]
-    if layer and scene.diffuser is not None:
-        usual |= LAYER
-        nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)
-        slopes = material_slopes(scene, usual, nodes, progress)
+    spreads = {
+        name: spread
+        for name, spread in tolerances_of(scene).items()
+        if layer or name not in MATERIALS
+    }
+    nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)
+    slopes = material_slopes(scene, spreads, nodes, progress)
     table = checker.transport_table(nodes) if slopes else search_table(checker)
     scorer = TableScorer(table, limits=limits_of(scene))
-    spreads = {name: spread for name, (_, spread) in usual.items()}
     found = sensitivities(scorer, design, spreads, slopes)
-    return [ErrorCost(usual[e.name][0], e.mean_loss, e.low_loss) for e in found]
+    return [
+        ErrorCost(spread_words(one.name, spreads[one.name]), one.mean_loss, one.low_loss)
+        for one in found
+    ]

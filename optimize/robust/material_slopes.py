@@ -6,13 +6,13 @@ change between neighbors is taken over: ``d log T / d p`` by central differences
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from optimize.design import Array
-from render.errors import SceneError
 from render.preview import Preview
 from render.progress import Clock, OnProgress
 from render.scene import Scene, Spread, unchecked
@@ -23,23 +23,56 @@ MATERIALS = ("sigma_v", "scattering", "diffuser_thickness")
 """Tolerances that change the transport itself."""
 PER_FIBER = ("led_power", "fiber_angle", "sigma_v")
 """Tolerances that every fiber has for itself; the others are common to the sensor."""
+WORDS = {
+    "fiber_angle": ("°", 180.0 / math.pi, "every fiber's angle"),
+    "led_power": (" %", 100.0, "every LED's power"),
+    "sigma_v": (" %", 100.0, "every beam's width"),
+    "camera_gain": (" %", 100.0, "the camera's gain"),
+    "scattering": (" %", 100.0, "the diffuser's scattering"),
+    "diffuser_thickness": (" mm", 1.0, "the diffuser"),
+}
+"""Unit, factor from rad, mm or relative errors, and what has the error."""
 
 
-def declared_tolerances(scene: Scene) -> dict[str, Spread]:
-    """Return the tolerances of ``scene`` by name.
+USUAL = {
+    "fiber_angle": Spread("normal", math.radians(5.0), "assumed: usual"),
+    "led_power": Spread("normal", 0.05, "assumed: usual"),
+    "camera_gain": Spread("normal", 0.02, "assumed: usual"),
+    "diffuser_thickness": Spread("normal", 0.06, "assumed: usual"),
+}
+"""Tolerances of sensors whose scene declares none."""
 
-    Raises:
-        SceneError: there is none to be robust against.
+
+def tolerances_of(scene: Scene) -> dict[str, Spread]:
+    """Return the tolerances of ``scene`` by name: those that it declares, else the `USUAL` ones.
+
+    Of these, angles are those of lamps that turn, and a thickness is that of a diffuser.
     """
-    spreads = scene.tolerances.spreads() if scene.tolerances else {}
-    if not spreads:
-        raise SceneError(
-            f"scene {scene.name} has no tolerances: add a [tolerances] section to its file, for "
-            'example led_power = { distribution = "normal", deviation = 0.05, unit = "relative", '
-            'source = "data sheet" }',
-            field="tolerances",
-        )
-    return spreads
+    declared = scene.tolerances.spreads() if scene.tolerances else {}
+    absent = set() if any(scene.turning) else {"fiber_angle"}
+    absent |= set() if scene.diffuser else {"diffuser_thickness"}
+    return declared or {name: spread for name, spread in USUAL.items() if name not in absent}
+
+
+def usual_tolerances_note(scene: Scene) -> list[str]:
+    """Return that tolerances are the `USUAL` ones, where the scene declares none."""
+    if scene.tolerances and scene.tolerances.spreads():
+        return []
+    return [
+        f"{scene.name} declares no tolerances, so they are the usual ones: "
+        f"{'; '.join(spread_words(*entry) for entry in tolerances_of(scene).items())}. State your "
+        "own under [tolerances] in its file."
+    ]
+
+
+def spread_words(name: str, spread: Spread) -> str:
+    """Return one standard deviation of a tolerance in words.
+
+    >>> spread_words("led_power", USUAL["led_power"])
+    "5 % of every LED's power"
+    """
+    unit, factor, owner = WORDS[name]
+    return f"{spread.sigma * factor:.3g}{unit} of {owner}"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from optimize.design import limits_of
 from optimize.exploration import Exploration, rate
-from optimize.robust.material_slopes import declared_tolerances, material_slopes
+from optimize.robust.material_slopes import material_slopes, tolerances_of
 from optimize.robust.perturbed_sensors import (
     Measure,
     PerturbedSensors,
@@ -89,9 +89,6 @@ def study_robustness(
     """Return the exploration with one more stage, the design for tolerances or shadows.
 
     ``measure`` None leaves tolerances out, ``shadow_weight`` None the penalty for shadows.
-
-    Raises:
-        SceneError: tolerances are asked for, and the scene has none.
     """
     scene, checker, seed = exploration.scene, exploration.checker, exploration.seed
     table = search_table(checker)
@@ -100,7 +97,7 @@ def study_robustness(
     shadow = None if shadow_weight is None else ShadowPenalty(scene, table)
     spreads: Mapping[str, Spread] = {}
     if measure is not None:
-        spreads = declared_tolerances(scene)
+        spreads = tolerances_of(scene)
         stage_report = in_stage(report, "previews of other materials")
         slopes = material_slopes(scene, spreads, table.phi, stage_report)
         # Sensors to search on, and others that rate what was found.
