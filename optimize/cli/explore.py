@@ -85,7 +85,11 @@ def run(
                 # Only this command's own first answer gives way: it may be the earlier design.
                 keep_other = design_in(target / DESIGN) == earlier
                 result = write_exploration(
-                    found, target, lambda: time.monotonic() - began, keep_other=keep_other
+                    found,
+                    scene_name,
+                    target,
+                    lambda: time.monotonic() - began,
+                    keep_other=keep_other,
                 )
             if not last:
                 note(_first_answer(found, target, time.monotonic() - began))

@@ -103,7 +103,7 @@ def run(
                 on_candidate=lambda *at: bar.note(_candidate_text(*at)),
             )
             bar.note("  drawing pictures and the report")
-            result = write_optimization(scene, found, checker, target)
+            result = write_optimization(scene, found, checker, scene_name, target)
         if as_json:
             print_json(stream, result)
         else:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.comparison.comparison import DesignComparison
-from optimize.design import level_name
+from optimize.design import find_scene, level_name
 from optimize.report import (
     building_steps,
     camera_pictures,
@@ -51,6 +51,7 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
         }
         for stage in stages
     ]
+    file = files[stages.index(best)]
     words = " ".join(shlex.quote(str(file)) for file in files)
     rendered = comparison.samples is not None
     more = SAMPLES if comparison.samples is None else MORE * comparison.samples
@@ -73,7 +74,8 @@ def render_comparison(comparison: DesignComparison, files: list[Path]) -> str:
         "warnings": comparison.warnings,
         "lights": _lights(comparison),
         "rendered": rendered,
-        "steps": building_steps(files[stages.index(best)], scene) if comparison.decided
+        "steps": building_steps(file, find_scene(scene.name, file, scene.hash) or scene.name)
+        if comparison.decided
         else [(doubt, f"tactilux compare {words} --samples {more}")],
         "facts": [
             ("Scene", f"{scene.name}, {scene.hash}"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from optimize.design import Design, load_layout
-from optimize.overnight.result import DESIGNS, NIGHT, SCENE, OvernightResult
+from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.report import DESIGN
 from render.errors import DesignError
 from render.files import read_json
@@ -40,10 +40,8 @@ def name_designs(
     _check_hashes(files)
     scene: Scene | None = None
     found = []
-    for path, file, name in zip(paths, files, _names(paths, files), strict=True):
-        beside = path / SCENE
-        named = scene_name or (str(beside) if path.is_dir() and beside.is_file() else None)
-        own, design = load_layout(file, named)
+    for file, name in zip(files, _names(paths, files), strict=True):
+        own, design = load_layout(file, scene_name)
         if scene is not None and own.hash != scene.hash:
             raise _of_two_scenes(file, own.name, own.hash, files[0], scene.name, scene.hash)
         scene = scene or own

@@ -30,6 +30,7 @@ from pydantic import (
 )
 
 from optimize.design.design import Design
+from optimize.design.find_scene import find_scene
 from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
 from optimize.ui.provenance import package_versions
 from render.arguments import as_kind, as_path, as_target
@@ -37,7 +38,7 @@ from render.errors import DesignError
 from render.files import read_bytes, write_text
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import in_json, problem_sentence, value_place
-from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene, shipped_scenes
+from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene
 from render.transport import Level
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
@@ -254,7 +255,7 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
         DesignError: the file is bad, unrated, or for another scene than the one given.
     """
     saved = load_design_file(path)
-    named = scene_name or find_scene(saved.scene, path)
+    named = scene_name or find_scene(saved.scene, path, saved.scene_hash)
     if named is None:
         raise DesignError(
             f"{path} is for scene {saved.scene}, which does not come with tactilux, and there is "
@@ -272,17 +273,6 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
     return RatedDesign(scene, design, saved.rating)
 
 
-def find_scene(named: str, design: Path) -> str | None:
-    """Return what `load_scene` takes for the scene that the file ``design`` names, or None.
-
-    That is a shipped scene, or a file beside the design or in the working directory, with or
-    without ``.toml`` in the name. The hash in a rated design says whether it is the right one.
-    """
-    if named in shipped_scenes():
-        return named
-    folders, names = (design.parent, Path()), (named, f"{named}.toml")
-    files = (folder / name for name in names for folder in folders)
-    return next((str(file) for file in files if file.is_file()), None)
 
 
 def palette_in_file(palette: Palette) -> dict[str, Any]:

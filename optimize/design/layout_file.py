@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from optimize.design.design import Design, one_led
-from optimize.design.design_file import find_scene
+from optimize.design.find_scene import find_scene
 from optimize.design.limits import limits_of
 from render.errors import DesignError
 from render.files import parse_json, parse_toml, read_text
@@ -48,7 +48,8 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
     named = scene_name or content.get("scene")
     if not isinstance(named, str) or not named:
         raise _refusal(path, ['it names no scene: add scene = "..." or give --scene'])
-    found = scene_name or find_scene(named, path)
+    given = content.get("scene_hash", "")
+    found = scene_name or find_scene(named, path, given if isinstance(given, str) else "")
     if found is None:
         raise _refusal(path, [f"scene = {in_json(named)} is neither a shipped scene nor a file: "
                               "name its TOML file with --scene"])  # fmt: skip

@@ -17,6 +17,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
 
+from optimize.design import keep_scene
 from optimize.overnight.conclusion import conclude
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import (
@@ -26,7 +27,7 @@ from optimize.overnight.design_stages import (
     thesis_design,
     verify_finalists,
 )
-from optimize.overnight.result import OvernightResult, keep_scene
+from optimize.overnight.result import OvernightResult
 from optimize.overnight.run_directory import (
     REPORT,
     RunError,

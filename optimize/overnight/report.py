@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from optimize.design import SCENE
 from optimize.frontier.plot import draw_levels
 from optimize.mounting import ErrorCost, mount, mounting_error_costs, surrogate_score
 from optimize.overnight.result import DESIGNS, ConvergencePoint, Finalist, OvernightResult
@@ -135,7 +136,10 @@ def render_report(
         ),
         "replicates": result.replicates,
         "facts": result.facts,
-        "steps": building_steps(Path(DESIGNS) / f"{last.key}.json", scene),
+        "steps": [
+            ("In the folder of this night:", ""),
+            *building_steps(Path(DESIGNS) / f"{last.key}.json", SCENE),
+        ],
     }
     return render_page("overnight.html.j2", context)
 

@@ -15,7 +15,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from optimize.design import Array, Design, Rating, ScoreSettings, save_design
+from optimize.design import SCENE, Array, Design, Rating, ScoreSettings, save_design
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
@@ -23,9 +23,9 @@ from render.files import parse_json, read_npz, write_bytes, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
 from render.refused_values import problem_sentence
-from render.scene import Scene, load_scene, standalone
+from render.scene import Scene, load_scene
 
-SCENE, NIGHT, DESIGNS = "scene.toml", "night.npz", "designs"
+NIGHT, DESIGNS = "night.npz", "designs"
 SCHEMA = 2
 TITLES = {
     "baseline": "Baseline",
@@ -241,15 +241,3 @@ def _validated(content: dict[str, object]) -> OvernightResult:
         return _RESULT.validate_python(content)
     except ValidationError as error:
         raise ValueError(problem_sentence(error.errors(include_url=False)[0])) from None
-
-
-def keep_scene(run: Path, name_or_path: str | Path) -> None:
-    """Copy a scene file into ``run``, with its comments and sources, unless it is there.
-
-    The files that it names come with it, so that ``run`` may go elsewhere alone.
-    """
-    scene = standalone(name_or_path)
-    # The scene last: where it lies, its files do.
-    for name, content in {**scene.files, SCENE: scene.text.encode()}.items():
-        if not (run / name).is_file() or (run / name).read_bytes() != content:
-            write_bytes(run / name, content)

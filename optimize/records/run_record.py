@@ -15,9 +15,9 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from optimize.design import Design, design_digest, load_design_file
+from optimize.design import SCENE, Design, design_digest, load_design_file
 from optimize.design.design_file import DesignFile
-from optimize.overnight.result import DESIGNS, NIGHT, SCENE, OvernightResult
+from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.run_directory import LOG, RECORD, RunError
 from optimize.overnight.run_directory import REPORT as NIGHT_REPORT
 from optimize.overnight.status import status_of

@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from optimize.design import LEVEL_NAMES, Design
-from optimize.design.design_file import find_scene
-from optimize.overnight.result import SCENE
+from optimize.design import LEVEL_NAMES, Design, find_scene
 from optimize.records.run_record import RunRecord
 from optimize.report import data_uri, render_page
 from optimize.ui.console import counted
@@ -111,11 +109,10 @@ class _Drawings:
 
     def scene(self, record: RunRecord) -> Scene | None:
         """Return the scene that a record names, where its file is found and has the hash."""
-        beside = record.path / SCENE
         place = record.path if record.path.is_dir() else record.path.parent
-        named = find_scene(record.scene, place / "design") if record.scene else None
-        if record.kind == "overnight" and beside.is_file():
-            named = str(beside)
+        named = None
+        if record.scene:
+            named = find_scene(record.scene, place / "design", record.scene_hash)
         key = named or "", record.scene_hash
         if key not in self.scenes:
             try:

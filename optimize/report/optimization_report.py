@@ -8,12 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from optimize.design import Array, Design, Rating, save_design
+from optimize.design import Array, Design, Rating, keep_scene, save_design
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.reconstruction import normal_error, predicted_colors
 from optimize.report.exploration_report import DESIGN, REPORT, score_row
 from optimize.report.illustrations import design_pictures
 from optimize.report.page import (
+    Steps,
     building_steps,
     clipping_warning,
     holder_warning,
@@ -59,15 +60,17 @@ class _Rendered:
 
 
 def write_optimization(
-    scene: Scene, outcome: Optimization, checker: Checker | None, target: Path
+    scene: Scene, outcome: Optimization, checker: Checker | None, scene_file: str, target: Path
 ) -> dict[str, object]:
     """Write designs, record, report and wiring into ``target``; return the result for programs.
 
     An earlier result in ``target`` is replaced, or kept under a number where it found another
-    design. The surrogate prices rounding and says degrees; the thesis can do without.
+    design. The surrogate prices rounding and says degrees; the thesis can do without. A copy of
+    ``scene_file``, a shipped name or a file, is kept with the designs.
     """
     finalists = outcome.finalists
     with fresh_directory(target, keep=DESIGN) as folder:
+        keep_scene(folder, scene_file)
         for name, design in zip(finalists.names, finalists.renders.designs, strict=True):
             file = DESIGN if name == outcome.winner else FILES[name]
             save_design(folder / file, design, scene, finalists.score(name).rating)
@@ -80,7 +83,8 @@ def write_optimization(
             () if checker is None else mounting_error_costs(checker, scene, mounting.design),
             wiring_files(target / DESIGN, no_jig),
         )
-        write_text(folder / REPORT, _page(scene, outcome, checker, wiring, target / DESIGN))
+        steps = building_steps(target / DESIGN, scene_file)
+        write_text(folder / REPORT, _page(scene, outcome, checker, wiring, steps))
         result = optimization_to_json(scene, outcome, target / DESIGN)
         result["report"] = str(target / REPORT)
         result["warnings"] = doubts(scene, outcome)
@@ -134,7 +138,7 @@ def _page(
     outcome: Optimization,
     checker: Checker | None,
     wiring: dict[str, object],
-    design: Path,
+    steps: Steps,
 ) -> str:
     shown = [_rendered(outcome, name) for name in outcome.finalists.names]
     pictures = dict(design_pictures(scene, shown))
@@ -173,7 +177,7 @@ def _page(
         "rounds": [_round_row(done) for done in (outcome.loop.rounds if outcome.loop else ())],
         "wiring": wiring,
         "facts": facts,
-        "steps": building_steps(design, scene),
+        "steps": steps,
     }
     return render_page("optimization.html.j2", context)
 

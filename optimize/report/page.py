@@ -16,7 +16,7 @@ from optimize.design import CLIPPED, Design
 from render.geometry import FiberHolder
 from render.preview.converged import narrowest_turning_beam
 from render.preview.converged.color_noise import NOISE_LIMIT
-from render.scene import Scene, shipped_scenes
+from render.scene import Scene
 from render.sensor_drawing import sensor_svg
 
 NARROW_BEAM = np.radians(2.0)
@@ -65,8 +65,11 @@ Steps = list[tuple[str, str]]
 """What to do next: why, and the command."""
 
 
-def verification_steps(design: Path, scene: Scene, level: str) -> Steps:
-    """Return what to do with a ``design`` that nobody has rendered, before it is built."""
+def verification_steps(design: Path, scene: str, level: str) -> Steps:
+    """Return what to do with a ``design`` that nobody has rendered, before it is built.
+
+    ``scene`` is what commands take: a shipped name, or a file.
+    """
     steps = [
         (
             "Let renders decide whether it is better than the baseline:",
@@ -75,29 +78,24 @@ def verification_steps(design: Path, scene: Scene, level: str) -> Steps:
     ]
     if level in ("preview", "preview of few paths"):
         steps.append(("For more than a few designs, train a model of this sensor:",
-                      f"tactilux train {_named(scene)}"))  # fmt: skip
+                      f"tactilux train {_word(scene)}"))  # fmt: skip
     return steps
 
 
-def building_steps(design: Path, scene: Scene) -> Steps:
-    """Return what to do with a ``design`` that is to be built."""
+def building_steps(design: Path, scene: str) -> Steps:
+    """Return what to do with a ``design`` that is to be built; see `verification_steps`."""
     return [
         ("See which tolerance costs the most:", f"tactilux sensitivity {_word(design)}"),
         ("Order and build; for other steps of the angles and other numbers of the LEDs:",
          f"tactilux wiring {_word(design)}"),
         ("Light the built sensor:", f"tactilux hw set {_word(design)}"),
         ("Record it while it is healthy, for the check at every start:",
-         f"tactilux check {_named(scene)} --design {_word(design)} --capture SWEEP "
+         f"tactilux check {_word(scene)} --design {_word(design)} --capture SWEEP "
          "--commission rig.npz"),
     ]  # fmt: skip
 
 
-def _named(scene: Scene) -> str:
-    """Return a scene as commands take it: a shipped name, or the file that has its name."""
-    return scene.name if scene.name in shipped_scenes() else f"{scene.name}.toml"
-
-
-def _word(path: Path) -> str:
+def _word(path: str | Path) -> str:
     """Return a path as a shell reads it."""
     return shlex.quote(str(path))
 

@@ -15,11 +15,12 @@ from optimize.design import (
     Rating,
     ScoreSettings,
     baseline_design,
+    keep_scene,
     limits_of,
 )
 from optimize.exploration import Stage
 from optimize.overnight.report import write_report
-from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, keep_scene
+from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
     choose_exposure,

@@ -226,7 +226,9 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     def level(which: str) -> Callable[..., Any]:
         return lambda *_, **__: SimpleNamespace(level=which, file=None, photon_noise=None)
 
-    def write(found: Any, target: Path, elapsed: object, *, keep_other: bool) -> dict[str, object]:
+    def write(
+        found: Any, scene_file: str, target: Path, elapsed: object, *, keep_other: bool
+    ) -> dict[str, object]:
         with fresh_directory(target, keep="design.json" if keep_other else "") as folder:
             design = {"scene_hash": "ab", "angles_deg": [angles[found.level]], "power": [1]}
             (folder / "design.json").write_text(json.dumps(design))

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design import load_design_file
-from optimize.overnight.result import Finalist, OvernightResult, keep_scene
+from optimize.design import keep_scene, load_design_file
+from optimize.overnight.result import Finalist, OvernightResult
 from optimize.overnight.run_directory import RunError
 from render.files import read_npz, write_npz
 from render.scene import scene_text

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from optimize.overnight.result import SCENE, keep_scene
+from optimize.design import SCENE, keep_scene
 from render.errors import SceneError
 from render.scene import load_scene, scene_text, standalone
 

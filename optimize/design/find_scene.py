@@ -1,0 +1,66 @@
+"""The scene of a design: a run keeps a copy of its file, and designs find the file by its hash."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from render.errors import SceneError
+from render.files import parse_toml, read_text, write_bytes
+from render.scene import load_scene, shipped_scenes, standalone
+
+SCENE = "scene.toml"
+"""The copy in the folder of a run."""
+
+
+def keep_scene(run: Path, name_or_path: str | Path) -> None:
+    """Copy a scene file into ``run``, with its comments and sources, unless it is there.
+
+    The files that it names come with it, so that ``run`` may go elsewhere alone.
+    """
+    scene = standalone(name_or_path)
+    # The scene last: where it lies, its files do.
+    for name, content in {**scene.files, SCENE: scene.text.encode()}.items():
+        if not (run / name).is_file() or (run / name).read_bytes() != content:
+            write_bytes(run / name, content)
+
+
+def find_scene(named: str, design: Path, scene_hash: str = "") -> str | None:
+    """Return what `load_scene` takes for the scene that the file ``design`` names, or None.
+
+    That is a shipped scene; or a file beside the design or in the working directory, with or
+    without ``.toml`` in the name, or whatever its name where it says that it is this scene; or the
+    copy in the folder of the run. The first one with ``scene_hash`` is taken, and where none has it
+    the first one.
+    """
+    places = list(dict.fromkeys(_places(named, design)))
+    fits = (place for place in places if _hash(place) == scene_hash) if scene_hash else iter(())
+    return next(fits, places[0] if places else None)
+
+
+def _places(named: str, design: Path) -> Iterator[str]:
+    """Yield what may be the scene ``named``, the likeliest first."""
+    if named in shipped_scenes():
+        yield named
+    folders = (design.parent, Path())
+    for name in (named, f"{named}.toml"):
+        yield from (str(folder / name) for folder in folders if (folder / name).is_file())
+    for folder in folders:
+        yield from (str(file) for file in sorted(folder.glob("*.toml")) if _name(file) == named)
+    for folder in (design.parent, design.parent.parent):
+        if (folder / SCENE).is_file():
+            yield str(folder / SCENE)
+
+
+def _name(file: Path) -> object:
+    try:
+        return parse_toml(read_text(file)).get("name")
+    except ValueError:
+        return None
+
+
+def _hash(place: str) -> str:
+    try:
+        return load_scene(place).hash
+    except SceneError:
+        return ""
