@@ -8,7 +8,9 @@ chance, and are told of in these words alone.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any
 
@@ -34,6 +36,8 @@ TYPES = {
 """What stands where a value of another type is refused."""
 
 BOUNDS = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below"}
+SHORT = 3
+"""Letters of which a part of a name is not known by fewer."""
 MAX_SHOWN = 80
 """Characters of a refused value that are shown: a whole table would hide the sentence."""
 
@@ -47,7 +51,8 @@ def allowed_words(problem: Any, keys: Sequence[str] = ()) -> str:
     """
     kind, context = problem["type"], problem.get("ctx", {})
     if kind == "literal_error":
-        return str(context["expected"]).replace("'", '"').replace("True", "true")
+        words = str(context["expected"]).replace("'", '"').replace("True", "true")
+        return words + did_you_mean(problem["input"], re.findall('"(.+?)"', words))
     if kind in {"too_short", "too_long"}:
         low = kind == "too_short"
         count = context["min_length" if low else "max_length"]
@@ -60,6 +65,21 @@ def allowed_words(problem: Any, keys: Sequence[str] = ()) -> str:
         return f"{words} with {', '.join(keys)}"
     bounds = [f"{words} {context[key]:g}" for key, words in BOUNDS.items() if key in context]
     return words or " and ".join(bounds)
+
+
+def did_you_mean(said: object, known: Iterable[str]) -> str:
+    """Return which of the ``known`` names was meant, as the end of a sentence; "" where none is.
+
+    >>> did_you_mean("gelsight_mini", ["digit", "gelsight-flat", "gelsight-mini"])
+    ', did you mean gelsight-mini?'
+    >>> did_you_mean("finger", ["digit", "finger20", "finger24"])
+    ', did you mean finger20 or finger24?'
+    """
+    word = str(said).lower().replace("_", "-")
+    plain = {name.lower().replace("_", "-"): name for name in known}
+    parts = [name for name in plain if len(word) >= SHORT and word in name]
+    near = parts if 1 <= len(parts) <= 2 else get_close_matches(word, plain, n=1)
+    return f", did you mean {' or '.join(plain[name] for name in near)}?" if near else ""
 
 
 def problem_sentence(problem: Any, patterns: Mapping[str, str] = MappingProxyType({})) -> str:

@@ -264,6 +264,8 @@ def _put(raw: Any, place: Place, value: float, said: str) -> None:
     *above, key = place
     for step in above:
         raw = raw[step]
+    if key == "sigma_v" and "half_angle" in raw:
+        raw[key] = raw.pop("half_angle")
     if isinstance(key, int) and "value" in raw:
         raw["value"][key] = value
         raw["source"] = said if key == 0 else f"{raw['source']}; {said}"

@@ -62,6 +62,7 @@ def in_pose(scene: Scene, state: str | None, bend: float) -> Pose:
         BadParameter: the scene has no such state, or has states and does not bend.
     """
     from render.geometry import in_state
+    from render.refused_values import did_you_mean
 
     if scene.states is None:
         if state is not None:
@@ -75,6 +76,7 @@ def in_pose(scene: Scene, state: str | None, bend: float) -> Pose:
         raise BadParameter(f"--bend {bend:g}: {scene.name} does not bend, allowed: --state")
     name = scene.state_names[0] if state is None else state
     if name not in scene.state_names:
-        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}")
+        meant = did_you_mean(name, scene.state_names)
+        raise BadParameter(f"--state {name}, allowed: {', '.join(scene.state_names)}{meant}")
     number = float(scene.state_names.index(name))
     return Pose(*in_state(scene, number), number, name)

@@ -42,7 +42,7 @@ def run(
         compare_reconstruction,
         predicted_colors,
     )
-    from optimize.scoring import open_model
+    from optimize.scoring import model_of_design
 
     for name, value in (("read-noise", read_noise), ("full-well", full_well)):
         if not math.isfinite(value):
@@ -51,7 +51,7 @@ def run(
         candidate = open_rated(path, scene)
         designs = [candidate.baseline, candidate.design]
         if samples is None:
-            checker = open_model(candidate.scene, model)
+            checker = model_of_design(candidate, model)
             level: str = checker.level
             pairs = [predicted_colors(checker, candidate.scene, design) for design in designs]
             known = shown = pairs

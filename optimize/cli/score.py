@@ -30,6 +30,7 @@ def run(
         holder_warning,
         preview_warnings,
         print_scores,
+        reader_verdict,
     )
     from optimize.scoring import open_model
     from optimize.ui.output import check_file, writable
@@ -64,13 +65,15 @@ def run(
         for doubt in doubts:
             stream.write(f"Note: {doubt}\n")
         print_scores(stream, (first, found), checker.coverage)
+        errors = first.normal_error, found.normal_error
+        reads = reader_verdict(("the baseline", "the design"), errors)
         gain = found.rating.score - first.rating.score
         doubt = doubted_gain(design, ranking)
         if not doubt and abs(gain) <= 2.0 * checker.score_half_width:
             doubt = "the intervals overlap"
         stream.write(
             f"The design scores {gain:+.1f} against the baseline"
-            f"{f', but {doubt}' if doubt else ''}.\n"
+            f"{f', but {doubt}' if doubt else ''}; {reads}.\n"
         )
         if out is not None:
             stream.write(f"Design: {out}\n")

@@ -36,7 +36,7 @@ def run(
         tolerances_of,
         usual_tolerances_note,
     )
-    from optimize.scoring import TableScorer, open_model, search_table
+    from optimize.scoring import TableScorer, model_of_design, search_table
 
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
@@ -44,7 +44,7 @@ def run(
         spreads = tolerances_of(sensor)
         for told in usual_tolerances_note(sensor):
             note(told)
-        checker = open_model(sensor, model)
+        checker = model_of_design(candidate, model)
         table = search_table(checker)
         scorer = TableScorer(table, limits=limits_of(sensor))
         with ProgressBar("Previews of other materials") as bar:

@@ -42,12 +42,18 @@ def run(
         Option(min=0.1, max=MAX_MINUTES, help="Time for everything, instead of --samples."),
     ] = None,
     seeds: Annotated[int, Option(min=2, help="Number of independent seeds.")] = 4,
+    out: Annotated[
+        Path | None,
+        Option(help="Folder of renders and result (default: <design>-renders beside it)."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Render design and baseline with error bars."""
     began = time.monotonic()
     from optimize.design import open_rated
-    from optimize.scoring import open_model
+    from optimize.reconstruction import normal_error, predicted_colors
+    from optimize.scoring import model_of_design
+    from optimize.ui.output import check_folder
     from optimize.verification import verification_within, verify
     from render.files import write_json
     from render.reference import TimeBudget, ensure_llvm
@@ -58,9 +64,10 @@ def run(
         )
     with reserved_stdout() as stream:
         candidate = open_rated(path, scene)
-        checker = open_model(candidate.scene, model)
+        checkpoint = out or path.parent / f"{path.stem}-renders"
+        check_folder(checkpoint)
+        checker = model_of_design(candidate, model)
         ensure_llvm()
-        checkpoint = path.parent / f"{path.stem}-renders"
         numbers, each = range(1, seeds + 1), None
         count = samples or SAMPLES
         work = f"{counted(count, 'sample')} per cell" if minutes is None else f"{minutes:g} min"
@@ -88,24 +95,37 @@ def run(
                 checkpoint=checkpoint,
                 progress=bar,
             )
+        errors = [
+            normal_error(candidate.scene, predicted_colors(checker, candidate.scene, design))
+            for design in (candidate.baseline, candidate.design)
+        ]
+        result = found.to_json()
+        for name, degrees in zip(("baseline", "design"), errors, strict=True):
+            result[name]["normal_error_deg"] = degrees
         kept = {
-            **found.to_json(),
+            **result,
             "level": "reference",
             "samples": count,
             "design_file": str(path),
         }
         write_json(checkpoint / f"verified-{candidate.digest}.json", kept, indent=2)
         if as_json:
-            print_json(stream, found.to_json())
+            print_json(stream, result)
         else:
-            _print(stream, path, candidate.scene, checker, found)
+            _print(stream, path, candidate.scene, checker, found, errors)
+            stream.write(f"Renders and result: {checkpoint}\n")
 
 
 def _print(
-    stream: IO[str], path: Path, scene: Scene, checker: Checker, found: Verification
+    stream: IO[str],
+    path: Path,
+    scene: Scene,
+    checker: Checker,
+    found: Verification,
+    errors: list[float],
 ) -> None:
     from optimize.design import PARTS
-    from optimize.report import clipping_warning
+    from optimize.report import clipping_warning, reader_verdict
     from optimize.scoring import prediction_checked
 
     word = scene.state_word
@@ -127,12 +147,14 @@ def _print(
             row("Difference", found.difference, None),
         ],
     )
+    reads = reader_verdict(("the baseline", "the design"), (errors[0], errors[1]))
     error, se = found.surrogate_score - found.design.score.value, found.design.score.se
     checked = prediction_checked(
         error, checker.score_half_width, se, checker.coverage, converged=not found.doubt
     )
     stream.write(
         f"{found.conclusion}\n"
+        f"By the {checker.level} {reads}.\n"
         f"The {checker.level} said {found.surrogate_score:.2f}, {checked}.\n"
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"

@@ -20,7 +20,13 @@ import numpy as np
 from optimize.comparison.named_designs import NamedDesign
 from optimize.design import Design
 from optimize.exploration import Stage, rate
-from optimize.report import clipping_warning, doubted_gain, holder_warning, preview_warnings
+from optimize.report import (
+    clipping_warning,
+    doubted_gain,
+    holder_warning,
+    preview_warnings,
+    reader_verdict,
+)
 from optimize.verification import FinalistEvaluation, RenderDesigns
 from render.reference import PRESSED, SampleAllocation
 from render.scene import Scene
@@ -98,10 +104,13 @@ class DesignComparison:
         return self.stages[0].rating.level
 
     def verdict(self, difference: DesignDifference) -> str:
-        """Say in a few words which design of a pair is better."""
+        """Say which design of a pair is better in S, and which one is read better."""
+        pair = [self.stages[place] for place in (difference.first, difference.second)]
+        (one, two), (low, high) = (stage.key for stage in pair), (s.normal_error for s in pair)
+        read = reader_verdict((one, two), (low, high))
         if difference.better is not None:
-            return f"{self.stages[difference.better].key} is better"
-        return "undecided" if difference.doubt else "tie"
+            return f"{self.stages[difference.better].key} is better in S, {read}"
+        return f"{'undecided' if difference.doubt else 'tie'} in S, {read}"
 
     def pair(self, difference: DesignDifference) -> str:
         """Name a difference, ``B - A``."""

@@ -37,7 +37,7 @@ from render.arguments import as_kind, as_path, as_target
 from render.errors import DesignError
 from render.files import read_bytes, write_text
 from render.metric import MetricConfig, current_conventions
-from render.refused_values import in_json, problem_sentence, value_place
+from render.refused_values import did_you_mean, in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene
 from render.transport import Level
 
@@ -141,7 +141,10 @@ class DesignFile(BaseModel):
         known = (*palette.names, OFF)
         for fiber, name in enumerate(self.colors):
             if name not in known:
-                raise ValueError(f"colors[{fiber}] = {in_json(name)}, allowed: {', '.join(known)}")
+                meant = did_you_mean(name, known)
+                raise ValueError(
+                    f"colors[{fiber}] = {in_json(name)}, allowed: {', '.join(known)}{meant}"
+                )
         for fiber, row in enumerate(self.power):
             if len(row) != len(palette.names):
                 raise ValueError(

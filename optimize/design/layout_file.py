@@ -27,7 +27,7 @@ from optimize.design.find_scene import find_scene
 from optimize.design.limits import limits_of
 from render.errors import DesignError
 from render.files import parse_json, parse_toml, read_text
-from render.refused_values import in_json
+from render.refused_values import did_you_mean, in_json
 from render.scene import OFF, Palette, Scene, load_scene
 
 KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
@@ -120,7 +120,8 @@ def _colors(given: Any, fibers: int, palette: Palette, problems: list[str]) -> l
     for index, entry in enumerate(entries):
         name = entry.lower() if isinstance(entry, str) else entry
         if not isinstance(name, str) or name not in known:
-            problems.append(f"colors[{index}] = {in_json(entry)}, {allowed}")
+            meant = did_you_mean(entry, palette.names)
+            problems.append(f"colors[{index}] = {in_json(entry)}, {allowed}{meant}")
             name = OFF
         found.append(known[name])
     return (found + [-1] * fibers)[:fibers]

@@ -39,6 +39,7 @@ from optimize.report.page import (
     holder_warning,
     monochrome_warning,
     preview_warnings,
+    reader_verdict,
     render_page,
     sensor_figure,
     stage_pictures,

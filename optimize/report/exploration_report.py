@@ -123,6 +123,7 @@ def _write_play(exploration: Exploration, folder: Path) -> str:
 def caveats(exploration: Exploration) -> list[str]:
     """Return what the reader must know before believing the numbers."""
     checker = exploration.checker
+    through = "" if exploration.scene.diffuser is None else "through the diffuser "
     origin = {
         "preview": "All scores come from the preview (level 0): nothing was rendered for this "
         "sensor. Its errors were measured on other sensors of the family, and are those below.",
@@ -130,7 +131,7 @@ def caveats(exploration: Exploration) -> list[str]:
         "paths corrected: nothing was rendered for this sensor, and the paths leave noise. Its "
         "errors were measured on other sensors of the family, and are those below.",
         "converged preview": "All scores come from the converged preview (level 0): light was "
-        "followed through the diffuser to every facet, but nothing was rendered for this sensor. "
+        f"followed {through}to every facet, but nothing was rendered for this sensor. "
         "Its errors were measured on other sensors of the family, and are those below.",
         "surrogate": "All scores come from the surrogate (level 1): the preview, corrected by a "
         "model that was fitted to physically based renders. It has not seen this design.",

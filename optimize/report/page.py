@@ -118,6 +118,18 @@ def holder_warning(scene: Scene, design: Design) -> list[str]:
     ]
 
 
+def reader_verdict(names: tuple[str, str], errors: tuple[float, float]) -> str:
+    """Return whose normals are read better, of two designs with these normal errors in degrees.
+
+    >>> reader_verdict(("A", "B"), (1.93, 1.672))
+    'B reads better (1.67° for 1.93°)'
+    >>> reader_verdict(("A", "B"), (1.93, 1.931))
+    'both read alike (1.93°)'
+    """
+    (low, best), (high, _) = sorted(zip((f"{error:.2f}°" for error in errors), names, strict=True))
+    return f"both read alike ({low})" if low == high else f"{best} reads better ({low} for {high})"
+
+
 def clipping_warning(clipped: float) -> list[str]:
     """Return a warning where facets saturate, for their fraction; usually nothing."""
     if clipped <= CLIPPED:

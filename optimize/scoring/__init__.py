@@ -26,6 +26,7 @@ from optimize.scoring.surrogate_model import (
     find_model,
     first_model,
     is_prompt,
+    model_of_design,
     open_model,
     predict_design,
     scene_model,

@@ -9,15 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design, noise_words
+from optimize.design import Array, Design, RatedDesign, noise_words
 from optimize.ui.console import ProgressBar
 from render.arguments import as_path
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
 from render.progress import OnProgress, Progress
+from render.refused_values import did_you_mean
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import MODEL_FILE, Checker
+from surrogate.runtime.metadata import PREVIEW
 
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).
@@ -41,9 +43,10 @@ def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     if given is not None:
         if (given / MODEL_FILE).is_file():
             return given
+        beside = [str(file.parent) for file in given.parent.glob(f"*/{MODEL_FILE}")]
         raise ModelError(
             f"there is no {MODEL_FILE} in {given}: name the folder of a model with --model or make "
-            "one with tactilux train",
+            f"one with tactilux train{did_you_mean(given, beside)}",
             field="model",
         )
     found: list[Path] = []
@@ -168,6 +171,15 @@ def as_model(
             field="model",
         )
     return value
+
+
+def model_of_design(candidate: RatedDesign, given: Path | None = None) -> Checker:
+    """Return what rated a design, or what knows its scene better and is there at once.
+
+    A design that was rated on the preview as drawn waits for no other preview: see `open_model`.
+    """
+    drawn = candidate.rating.level == PREVIEW and not is_prompt(candidate.scene, given)
+    return open_model(candidate.scene, given, coarse=drawn)
 
 
 def first_model(scene: Scene) -> Checker:

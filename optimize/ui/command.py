@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from typer import BadParameter
 from typer.core import TyperCommand
 
 from render.memory import START, require_memory
-from render.refused_values import allowed_words
+from render.refused_values import allowed_words, did_you_mean
+
+CHOICES = re.compile(r".* is not one of '(.+)'\.", re.DOTALL)
+"""What Typer says of a value that is none of an option's choices."""
 
 
 class Command(TyperCommand):
@@ -28,6 +32,8 @@ class Command(TyperCommand):
                 problem = problems()[0]
                 allowed, said = allowed_words(problem), problem["msg"].removeprefix("Value error, ")
                 error.message = f"{problem['input']}, allowed: {allowed}" if allowed else said
+                if choices := CHOICES.fullmatch(said):
+                    error.message += did_you_mean(problem["input"], choices[1].split("', '"))
             raise
 
     def invoke(self, ctx: Any) -> Any:

@@ -34,18 +34,26 @@ def check_target(target: Path, mark: str = MANIFEST) -> None:
             "with --out",
             field="out",
         )
-    if not target.exists():
-        _check_place(target)
-        return
-    if not target.is_dir():
-        raise OutputError(
-            f"{target} is not a directory: choose another place with --out", field="out"
-        )
-    if foreign_names(target) and not (target / mark).is_file():
+    check_folder(target)
+    if target.exists() and foreign_names(target) and not (target / mark).is_file():
         raise OutputError(
             f"{target} holds files but no earlier result ({mark}), so it is left alone: "
             "choose another place with --out",
             field="out",
+        )
+
+
+def check_folder(target: Path) -> None:
+    """Refuse a name that no directory can have, before any work is done.
+
+    Raises:
+        OutputError: ``target`` is a file, or cannot be created.
+    """
+    if not target.exists():
+        _check_place(target)
+    elif not target.is_dir():
+        raise OutputError(
+            f"{target} is not a directory: choose another place with --out", field="out"
         )
 
 

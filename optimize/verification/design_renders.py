@@ -291,7 +291,7 @@ class FinalistEvaluation:
         if low > 0 or high < 0:
             better, worse = (second, first) if low > 0 else (first, second)
             verb = "are" if better in PLURAL else "is"
-            return f"The {better} {verb} better than the {worse} ({interval})."
+            return f"The {better} {verb} better in S than the {worse} ({interval})."
         return f"The {second} and the {first} tie ({interval})."
 
 

@@ -82,12 +82,12 @@ class Verification:
             return f"The renders have not converged and decide nothing: {self.doubt}."
         low, high = self.difference.interval()
         if low > 0:
-            return "The design is better than the baseline by more than the error bars."
+            return "The design is better in S than the baseline by more than the error bars."
         if high < 0:
-            return "The design is worse than the baseline by more than the error bars."
-        return "This is a tie: the difference is within the error bars; render longer to decide."
+            return "The design is worse in S than the baseline by more than the error bars."
+        return "A tie in S: the difference is within the error bars; render longer to decide."
 
-    def to_json(self) -> dict[str, object]:
+    def to_json(self) -> dict[str, Any]:
         """Return what programs rely on."""
         return {
             **{

@@ -19,6 +19,7 @@ from render.geometry.indenter import (
     straight_edge,
 )
 from render.mesh_file import Unit
+from render.refused_values import did_you_mean
 from render.scene import Scene
 
 PROBES = ("none", "pyramids", "ball", "bolt", "edge")
@@ -63,7 +64,8 @@ def probe(
     if press not in PROBES:
         if not Path(press).is_file():
             raise SceneError(
-                f"--press {press!r} is no file, allowed: {', '.join(PROBES)} or a mesh file",
+                f"--press {press!r} is no file, allowed: {', '.join(PROBES)} or a mesh file"
+                f"{did_you_mean(press, PROBES)}",
                 field="press",
             )
         # Only a file needs numba and trimesh.

@@ -11,6 +11,7 @@ from typing import Annotated
 
 from pydantic import AliasChoices, Field
 
+from render.refused_values import did_you_mean
 from render.scene.colors import OFF, RGB, ColorName, Palette
 from render.scene.quantities import Count, Part, Quantity, since_schema_2
 
@@ -172,7 +173,8 @@ class Constraints(Part):
         allowed = f"allowed: {', '.join(palette.names)}"
         for name in self.colors or {}:
             if name not in palette.names:
-                yield f"constraints.colors names {name}, {allowed}"
+                meant = did_you_mean(name, palette.names)
+                yield f"constraints.colors names {name}, {allowed}{meant}"
         for name in RGB.names:
             limited = [key for key in (f"max_{name}", f"power_{name}")
                        if getattr(self, key) != type(self).model_fields[key].default]  # fmt: skip

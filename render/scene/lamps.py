@@ -12,13 +12,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
 
 from render.arrays import Array
-from render.scene.lamp_profile import Profile
+from render.scene.lamp_profile import Profile, schema_with_half_angle, with_sigma_v
 from render.scene.quantities import Count, Part, Quantity
 
 Edge = Literal["left", "tip", "right", "base"]
@@ -46,7 +48,8 @@ class Fibers(Part):
     """Fiber ends, evenly spaced per edge; Gaussian radiance profile (thesis 3.3.1).
 
     ``height`` is the distance of the fiber axis from the camera-side face; ``gap`` the air between
-    fiber end and diffuser; ``tilt`` the fixed angle towards the coating.
+    fiber end and diffuser; ``tilt`` the fixed angle towards the coating. The width of the beam is
+    ``sigma_v``, or a file has `HalfAngle`.
     """
 
     left: Annotated[int, Count(0, 64)]
@@ -57,6 +60,20 @@ class Fibers(Part):
     height: Annotated[float, Quantity("mm", 0.0, 100.0)]
     sigma_v: Annotated[float, Quantity("deg", 0.1, 89.0)]
     tilt: Annotated[float, Quantity("deg", -60.0, 60.0)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _width(cls, raw: Any) -> Any:
+        return with_sigma_v(raw)
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema, which takes a half angle in place of sigma_v."""
+        found = handler(schema)
+        schema_with_half_angle(handler.resolve_ref_schema(found))
+        return found
 
     @property
     def count(self) -> int:

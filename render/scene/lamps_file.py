@@ -16,7 +16,8 @@ from render.scene.quantities import MOST_LISTED
 from render.small_table import SmallTable, TableRow, number
 
 COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
-CHOICES = ("sigma_v", "cosine_exponent", "profile")
+ANGLES = ("half_angle", "sigma_v")
+CHOICES = (*ANGLES, "cosine_exponent", "profile")
 """Columns of which a file has one: deg, a number, or ``lambertian`` and names of profile files."""
 TURNS = "turns"
 """Column that a file may have: ``true`` or ``false``, which nothing means too."""
@@ -124,7 +125,7 @@ def _lamp_of_line(
     if choice == "profile":
         profile = _named_profile(row[choice], where)
     else:
-        profile = {choice: quantity(number(row[choice]), "deg" if choice == "sigma_v" else "")}
+        profile = {choice: quantity(number(row[choice]), "deg" if choice in ANGLES else "")}
     return {
         "position": quantity(vector(0), "mm"),
         "direction": quantity(vector(3)),

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from render.errors import SceneError
+from render.refused_values import did_you_mean
 from render.scene.lamps import EDGES, RIM_EDGES
 from render.scene.quantities import allowed_range
 
@@ -136,7 +137,9 @@ class Answers:
         for color in self.colors:
             if color not in COLORS:
                 raise SceneError(
-                    f"--colors names {color}, allowed: {', '.join(COLORS)}", field="colors"
+                    f"--colors names {color}, allowed: {', '.join(COLORS)}"
+                    f"{did_you_mean(color, COLORS)}",
+                    field="colors",
                 )
         if len(self.colors) not in (0, 1, len(self.lit)):
             raise SceneError(

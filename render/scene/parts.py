@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
 from render.errors import SceneError
+from render.refused_values import did_you_mean
 from render.scene.camera import Coordinate, Millimeters
 from render.scene.colors import OFF, RGB
 from render.scene.lamps import EDGES, RIM_EDGES, Edge
@@ -26,7 +27,7 @@ def _known_color(value: str, info: ValidationInfo) -> str:
     """Refuse a color that the file does not have; the context names those that it has."""
     known = (info.context or {}).get("colors", RGB.names)
     if value not in known:
-        allowed = ", ".join(known)
+        allowed = ", ".join(known) + did_you_mean(value, known)
         raise PydanticCustomError("unknown_color", "allowed: {allowed}", {"allowed": allowed})
     return value
 

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from render.arguments import refuse
 from render.errors import SceneError
 from render.files import parse_toml, read_text
-from render.refused_values import allowed_words, in_toml
+from render.refused_values import allowed_words, did_you_mean, in_toml
 from render.scene.colors import COLOR_NAME, INK, colors_in
 from render.scene.lamps_file import LampLines, RefusedLamps
 from render.scene.quantities import MOST_LISTED
@@ -208,7 +208,12 @@ def sources(name_or_path: str | Path) -> dict[str, str]:
 def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:
     """Yield the keys and sources of all values in a part of a scene file; colors have names."""
     if isinstance(content, dict) and "source" in content:
-        yield key, str(content["source"])
+        part, _, name = key.rpartition(".")
+        if name == "half_angle":
+            told = f"{content['source']} (half_angle {content['value']:g} deg)"
+            yield f"{part}.sigma_v", told
+        else:
+            yield key, str(content["source"])
         return
     parts: Any = content.items() if isinstance(content, dict) else ()
     if isinstance(content, list | tuple):
@@ -242,8 +247,10 @@ def scene_text(name_or_path: str | Path) -> str:
         return read_text(Path(name_or_path))
     except ValueError as error:
         if isinstance(error.__cause__, FileNotFoundError):
+            files = [str(file) for file in Path(name_or_path).parent.glob("*.toml")]
+            meant = did_you_mean(text_name, [*shipped_scenes(), *files])
             raise SceneError(
-                f"there is no scene {text_name!r}: {next_step}", field="scene"
+                f"there is no scene {text_name!r}: {next_step}{meant}", field="scene"
             ) from None
         raise SceneError(f"{text_name} {error}; {next_step}", field="scene") from None
 
@@ -300,7 +307,7 @@ def _sentence(
     if kind == "extra_forbidden":
         return "unknown key ", key, instead_of_key(problem["loc"], raw)
     if kind == "missing":
-        return "missing key ", key, ""
+        return "missing key ", key, " or half_angle" * (place[-1] == "sigma_v")
     message = problem["msg"].removeprefix("Value error, ")
     if kind == "value_error" and not key:
         return lines.named(message) if lines else str(message), "", ""

@@ -15,10 +15,11 @@ from render.scene.lamps import EDGES, Fibers, Row
 from render.scene.quantities import Part, allowed_range, quantities_of
 from render.scene.schema.scene import Scene
 from render.scene.serialization import part_class
+from render.scene.tolerances import Tolerances
 
 Place = tuple[int | str, ...]
-LAMPS_FILE = "lamps_file"
-"""Key of a file that stands for ``lamps``."""
+LAMPS_FILE, HALF_ANGLE = "lamps_file", "half_angle"
+"""Keys of a file that stand for ``lamps`` and ``sigma_v``."""
 
 
 def part_at(place: Place) -> type[Part] | None:
@@ -48,6 +49,8 @@ def keys_at(place: Place) -> dict[str, bool]:
             found[field.alias or name] = newer
             if part is Scene and name == "lamps":
                 found[LAMPS_FILE] = newer
+            if name == "sigma_v" and part is not Tolerances:
+                found[HALF_ANGLE] = newer
     return found
 
 
@@ -72,6 +75,8 @@ def instead_of_key(place: Place, raw: Mapping[str, Any]) -> str:
 def instead_of_value(problem: Any, raw: Mapping[str, Any]) -> str:
     """Return what else a file may hold that has a value which was refused, "" where nothing."""
     place, kind, given = problem["loc"], problem["type"], problem["input"]
+    if place[-1:] == ("half_angle",) and kind == "out_of_range":
+        return _in_brackets('"lambertian" has 60 deg; some data sheets give twice the angle')
     if kind == "unknown_color" and "colors" not in raw:
         old = raw.get("schema") == 1
         if old and OFF in (given if isinstance(given, list) else [given]):

@@ -99,7 +99,7 @@ def test_on_a_model_a_difference_reaches_further_than_a_score_unless_designs_are
     half = (turned.interval[1] - turned.interval[0]) / 2
     assert half == pytest.approx(math.sqrt(2) * finger20_checker.score_half_width)
     assert same.interval == (0.0, 0.0)
-    assert on_model.verdict(same) == "tie"
+    assert on_model.verdict(same).startswith("tie in S, both read alike (")
     assert (turned.recolored, round(turned.turned, 1)) == (0, 11.5)
 
 
@@ -112,7 +112,7 @@ def test_one_color_everywhere_is_never_called_better(
     (one,) = found.differences
     assert one.interval[0] > 0
     assert one.better is None
-    assert found.verdict(one) == "undecided"
+    assert found.verdict(one).startswith("undecided in S, A reads better (")
     assert any("tells no azimuth" in text for text in found.warnings)
     found = compare_by_renders(
         found, noisy_renders(finger20_checker, 0.01, 0.01), samples=9, seeds=(1, 2)
@@ -141,7 +141,7 @@ def test_renders_that_have_not_converged_decide_nothing(
 ) -> None:
     render = noisy_renders(finger20_checker, common=20.0, own=0.0)
     found = compare_by_renders(on_model, render, samples=1, seeds=(1, 2))
-    assert {found.verdict(one) for one in found.differences} == {"undecided"}
+    assert {found.verdict(one).split(",")[0] for one in found.differences} == {"undecided in S"}
     assert found.warnings[0].startswith("The renders of A have not converged")
 
 

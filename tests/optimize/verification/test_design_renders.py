@@ -41,14 +41,16 @@ def test_the_evaluation_of_finalists_tells_a_gain_from_a_tie(
         pretended(table, 0.02), settings, [("baseline", base), ("dim", dim), ("same", same)],
         samples=3, seeds=[1, 2],
     )  # fmt: skip
-    assert found.comparison("dim", "baseline").startswith("The baseline is better than the dim")
+    assert found.comparison("dim", "baseline").startswith(
+        "The baseline is better in S than the dim"
+    )
     assert "tie" in found.comparison("baseline", "same")
     plural = replace(found, names=("baseline", "colors", *found.names[2:]))
     said = {plural.comparison("baseline", "colors"), plural.comparison("colors", "baseline")}
-    assert all(text.startswith("The baseline is better than the colors") for text in said)
+    assert all(text.startswith("The baseline is better in S than the colors") for text in said)
     worse = replace(plural, names=("colors", "baseline", *found.names[2:]))
     assert worse.comparison("colors", "baseline").startswith(
-        "The colors are better than the baseline"
+        "The colors are better in S than the baseline"
     )
     exact = settings.parts(table.at(base.phi) * biased(base.phi, BASE)[:, None, None, None],
                         base.power)[0]  # fmt: skip

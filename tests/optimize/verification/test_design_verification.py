@@ -93,7 +93,7 @@ def test_a_clear_gain_decides_nothing_where_few_light_paths_carry_the_light(
             rated.settings, pair, surrogate_score=SURROGATE, seeds=(1, 2), samples=600
         )
 
-    assert "is better" in found(0.1 * mean).conclusion
+    assert "is better in S" in found(0.1 * mean).conclusion
     assert found(0.1 * mean).to_json()["converged"] is True
     # Half of the cells is known to its own size: four times the samples halve that.
     error = 0.1 * mean
