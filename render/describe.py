@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
+import numpy as np
 from pydantic import BaseModel
 
 from render.arrays import Array
-from render.geometry import FiberHolder, camera_coverage, counted_sites, seen_rule
+from render.geometry import (
+    FiberHolder,
+    camera_coverage,
+    counted_sites,
+    flat_sites,
+    seen_rule,
+)
 from render.geometry.lamp_reach import light_shares, shares_before_face
 from render.scene import (
     EDGES,
@@ -56,8 +64,8 @@ class Description:
 
     ``axes`` is the size of every axis of the transport (fiber, bend or state, site, facet, and
     channel where materials depend on it, as ``color_axis`` says); ``cells`` and
-    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count,
-    ``doubts`` what is hardly meant of the lamps.
+    ``background_cells`` count its numbers per direction node. ``seen`` says which sites count, and
+    ``skin_tested`` is the share of the skin that they lie on; ``doubts`` what is hardly meant.
     """
 
     scene: str
@@ -67,6 +75,7 @@ class Description:
     cells: int
     background_cells: int
     seen: str
+    skin_tested: float
     left_out: tuple[OmittedPart, ...]
     color_axis: str = ""
     limits: tuple[str, ...] = ()
@@ -105,6 +114,7 @@ class Description:
                 f"and {self.background_cells} of the untouched pad",
                 *([f"color axis of the transport: {self.color_axis}"] if self.color_axis else []),
                 f"seen by the camera: {self.seen} ({seen_rule(self._word)})",
+                f"sites that count lie on {self.skin_tested:.0%} of the skin",
                 "left out, and why:",
                 *(f"  {item.what}: {item.why}" for item in self.left_out),
                 *_listed("limits of designs:", self.limits),
@@ -132,25 +142,67 @@ def describe(scene: Scene, origins: Mapping[str, str] | None = None) -> Descript
     if scene.by_channel:
         axes["channel"] = len(scene.palette.channels)
     cells = math.prod(axes.values())
+    values = tuple(_values(scene, origins or {}))
     return Description(
         scene=scene.name,
         scene_hash=scene.hash,
-        values=tuple(_values(scene, origins or {})),
+        values=values,
         axes=axes,
         cells=cells,
         background_cells=cells // scene.indenter.faces,
         seen=camera_coverage(scene).sentence,
+        skin_tested=skin_tested(scene),
         color_axis=_color_axis(scene),
         left_out=tuple(OmittedPart(what, why) for what, why in _left_out(scene)),
         limits=tuple(limit_sentences(scene)),
         tolerances=tuple(scene.tolerances.sentences()) if scene.tolerances else (),
         free=tuple(scene.free.sentences()) if scene.free else (),
-        doubts=tuple(_doubts(scene)),
+        doubts=(*_doubts(scene), *_stale(values)),
+    )
+
+
+def skin_tested(scene: Scene) -> float:
+    """Return which part of the skin lies within the outermost contacts of the sites that count."""
+    sides = np.ptp(flat_sites(scene)[:, :2], axis=0) + 2 * scene.indenter.radius
+    return float(min(sides.prod() / (scene.pad.width * scene.pad.length), 1.0))
+
+
+def stale_sources(scene: Scene, origins: Mapping[str, str]) -> list[str]:
+    """Return which values were made from others that have changed, as their sources say."""
+    return list(_stale(tuple(_values(scene, origins))))
+
+
+def _stale(values: tuple[Value, ...]) -> Iterator[str]:
+    """Yield values whose source names another value, ``pad.thickness = 4 mm``, of another size."""
+    known = {item.key: item for item in values if isinstance(item.value, float)}
+    for item in values:
+        for key, said in re.findall(r"(\w+(?:\.\w+)+) = (-?\d+(?:\.\d+)?)", item.source):
+            if key in known and not math.isclose(float(said), known[key].value, rel_tol=1e-4):
+                yield (
+                    f"{item.key} = {_shown(item)} comes from {key} = {said} {known[key].unit}, "
+                    f"which is {_shown(known[key])} now: give it a value and a source of its own"
+                )
+
+
+def one_hue_advice(scene: Scene) -> str:
+    """Return why hue says nothing about normals and what would change it; "" where it does."""
+    palette = scene.palette
+    if not palette.one_hue or scene.lamp_count == 1:
+        return ""
+    why = "all LEDs look alike to the camera"
+    if len(palette.channels) == 1:
+        why = "the camera has one channel"
+    return (
+        f"{why} and sees all lamps at once, so brightness alone tells normals: take a picture for "
+        "each group of lamps, each a channel (docs/scenes.md, shots), or LEDs and a camera of "
+        "several colors"
     )
 
 
 def _doubts(scene: Scene) -> Iterator[str]:
-    """Yield which lamps hardly light the pad, or stand beside it in part: the first of a row."""
+    """Yield what is hardly meant of colors, and of lamps: the first of a row."""
+    if advice := one_hue_advice(scene):
+        yield advice
     lamps = scene.placed_lamps()
     for number, share in _first_below(lamps, light_shares(scene), LITTLE_LIGHT):
         turned = " in its best direction" if lamps[number].turns else ""

@@ -48,12 +48,15 @@ def run(
     )
     from optimize.scoring import first_model, is_prompt, open_model
     from optimize.ui.output import check_target, design_in
+    from render.describe import stale_sources
     from render.preview.gl import create_context
-    from render.scene import load_scene
+    from render.scene import load_scene, sources
 
     began = time.monotonic()
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        for told in stale_sources(scene, sources(scene_name)):
+            note(told)
         if robust is not None:
             for told in usual_tolerances_note(scene):
                 note(told)
@@ -109,12 +112,12 @@ def run(
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
     """Return what the preview of few paths found, for those who wait for more."""
-    from optimize.report import clipping_warning, preview_warnings
+    from optimize.report import clipping_warning, guessing_warning, preview_warnings
 
     low, high = found.rating.interval
     checker, last = found.checker, found.stages[-1]
     doubts = preview_warnings(last.scene, checker.level, checker.photon_noise)
-    doubts += clipping_warning(last.clipped)
+    doubts += guessing_warning(last.scene, last.normal_error) + clipping_warning(last.clipped)
     return " ".join(
         [
             f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "

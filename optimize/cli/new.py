@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Argument, Option
 
 from optimize.cli.options import Json
-from optimize.ui.console import note, print_json, reserved_stdout
+from optimize.ui.console import counted, note, print_json, reserved_stdout
 from render.errors import SceneError
 
 if TYPE_CHECKING:
@@ -48,8 +50,9 @@ def run(
 ) -> None:
     """Write a commented scene file of a sensor of your own."""
     from optimize.ui.output import check_file, write_result
+    from render.describe import skin_tested
     from render.geometry import counted_sites
-    from render.scene import shipped_scenes
+    from render.scene import shipped_scenes, sources
     from render.scene.new_scene import Answers, check_name, scene_file
     from render.scene.scene_file import scene_from_text
 
@@ -84,8 +87,17 @@ def run(
         if as_json:
             result: dict[str, object] = {"scene": scene.name, "scene_hash": scene.hash}
             print_json(stream, result | {"file": str(path), "sites": sites})
-        else:
-            stream.write(f"Scene: {path}, go on with tactilux explore {path}\n")
+            return
+        word = shlex.quote(str(path))
+        assumed = sum(source.startswith("assumed") for source in sources(path).values())
+        lamp = scene.placed_lamps()[0]
+        stream.write(
+            f"{counted(sites, 'site')} on {skin_tested(scene):.0%} of the skin; "
+            f"{counted(assumed, 'value')} assumed, among them: lamps {lamp.position[2]:g} mm above "
+            f"the lower face, tilted by {math.degrees(lamp.tilt):g}° towards the skin. "
+            f"tactilux describe {word} lists them.\n"
+            f"Scene: {path}, go on with tactilux explore {word}\n"
+        )
 
 
 def _blind(answers: Answers) -> SceneError:

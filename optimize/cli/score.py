@@ -27,6 +27,7 @@ def run(
     from optimize.report import (
         clipping_warning,
         doubted_gain,
+        guessing_warning,
         holder_warning,
         preview_warnings,
         print_scores,
@@ -46,6 +47,7 @@ def run(
         ranking = RankingTest.of(checker.metadata)
         doubts = [] if ranking.reliable else [ranking.advice()]
         doubts += preview_warnings(sensor, checker.level, found.photon_noise)
+        doubts += guessing_warning(sensor, found.normal_error)
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:

@@ -125,7 +125,7 @@ def _print(
     errors: list[float],
 ) -> None:
     from optimize.design import PARTS
-    from optimize.report import clipping_warning, reader_verdict
+    from optimize.report import clipping_warning, guessing_warning, reader_verdict
     from optimize.scoring import prediction_checked
 
     word = scene.state_word
@@ -159,7 +159,7 @@ def _print(
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )
-    for warning in clipping_warning(found.design.clipped):
+    for warning in guessing_warning(scene, errors[1]) + clipping_warning(found.design.clipped):
         stream.write(f"Note: {warning}\n")
 
 

@@ -23,6 +23,7 @@ from optimize.exploration import Stage, rate
 from optimize.report import (
     clipping_warning,
     doubted_gain,
+    guessing_warning,
     holder_warning,
     preview_warnings,
     reader_verdict,
@@ -244,7 +245,8 @@ def _same(first: Design, second: Design) -> bool:
 def _warnings(stages: Sequence[Stage]) -> list[str]:
     texts = []
     for stage in stages:
-        own = holder_warning(stage.scene, stage.design) + clipping_warning(stage.clipped)
+        own = guessing_warning(stage.scene, stage.normal_error)
+        own += holder_warning(stage.scene, stage.design) + clipping_warning(stage.clipped)
         if stage.design.monochrome:
             own.append("One color lights everything, which tells no azimuth.")
         if stage.domain_excess > 0:

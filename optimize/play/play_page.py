@@ -47,7 +47,7 @@ MAX_BYTES = 3_000_000
 """Size of a page."""
 TESTED, SEARCHES = 64, 3
 """Random designs that page and model are compared on; rounds of colors and directions."""
-SCRIPTS = ("model.js", "uphill.js", "sensor.js", "maps.js", "camera.js", "play.js")
+SCRIPTS = ("model.js", "reader.js", "uphill.js", "sensor.js", "maps.js", "camera.js", "play.js")
 
 
 @dataclass(frozen=True, eq=False)

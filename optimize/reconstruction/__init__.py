@@ -5,6 +5,7 @@ from optimize.reconstruction.normal_reconstruction import (
     CameraNoise,
     ErrorComparison,
     compare_reconstruction,
+    guessing_error,
     normal_error,
     predicted_colors,
 )

@@ -36,6 +36,7 @@ from optimize.report.page import (
     building_steps,
     clipping_warning,
     data_uri,
+    guessing_warning,
     holder_warning,
     monochrome_warning,
     preview_warnings,

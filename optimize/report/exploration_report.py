@@ -25,6 +25,7 @@ from optimize.report.page import (
     building_steps,
     clipping_warning,
     data_uri,
+    guessing_warning,
     holder_warning,
     monochrome_warning,
     picture_kind,
@@ -367,6 +368,7 @@ def warnings(stages: Sequence[Stage], ranking: RankingTest) -> list[str]:
             f"{first.normal_error:.2f}°: the score misleads here (docs/score.md says by what)."
         )
     texts += preview_warnings(last.scene, last.rating.level, last.photon_noise)
+    texts += guessing_warning(last.scene, last.normal_error)
     texts += holder_warning(last.scene, last.design)
     texts += monochrome_warning(last.design)
     if last.domain_excess > 0:

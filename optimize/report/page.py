@@ -13,12 +13,16 @@ import jinja2
 import numpy as np
 
 from optimize.design import CLIPPED, Design
+from optimize.reconstruction import guessing_error
+from render.describe import one_hue_advice
 from render.geometry import FiberHolder
 from render.preview.converged import narrowest_turning_beam
 from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene
 from render.sensor_drawing import sensor_svg
 
+GUESSING = 0.5
+"""Part of the error of a guess from which on a reader hardly reads."""
 NARROW_BEAM = np.radians(2.0)
 """Beams of lamps that turn, below which previews are less sure than their intervals say."""
 
@@ -53,7 +57,7 @@ def data_uri(content: bytes) -> str:
 
 def sensor_figure(scene: Scene) -> str:
     """Return the drawing of the sensor as a link that holds it."""
-    return data_uri(sensor_svg(scene).encode())
+    return data_uri(sensor_svg(scene, dark=True).encode())
 
 
 def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
@@ -115,6 +119,21 @@ def holder_warning(scene: Scene, design: Design) -> list[str]:
     return [
         f"This design cannot be built: {problem}."
         for problem in FiberHolder.of(scene).problems(design.phi)
+    ]
+
+
+def guessing_warning(scene: Scene, normal_error: float) -> list[str]:
+    """Return a warning where a reader hardly does better than a guess; usually nothing.
+
+    ``normal_error`` in degrees is that of the design.
+    """
+    guess = guessing_error(scene)
+    if normal_error < GUESSING * guess:
+        return []
+    why = one_hue_advice(scene) or "light it from more sides, in more colors"
+    return [
+        f"Normals are read to {normal_error:.1f}°, and a guess misses them by {guess:.1f}°, "
+        f"whatever S says: {why}."
     ]
 
 

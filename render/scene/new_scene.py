@@ -14,12 +14,14 @@ from render.scene.quantities import allowed_range
 
 GIVEN, ASSUMED = "as given to tactilux new", "assumed"
 INDEX = 1.41
-SIGMA_V = 'sigma_v = { value = 15.0, unit = "deg", source = "assumed: the end of a fiber" }'
+BEAM = 'half_angle = { value = 23.4, unit = "deg", source = "assumed: the end of a fiber" }'
 LAMPS = {
-    "fiber": (0.75, 0.4, f"profile = {{ {SIGMA_V} }}\nturns = true"),
-    "led": (1.0, 0.1, "profile = \"lambertian\"  # assumed\nturns = false"),
+    "fiber": (0.75, 0.4, (10.0, "assumed: a slight angle towards the skin, as in the thesis"),
+              f"profile = {{ {BEAM} }}\nturns = true"),
+    "led": (1.0, 0.1, (0.0, "assumed: straight in"),
+            "profile = \"lambertian\"  # assumed\nturns = false"),
 }  # fmt: skip
-"""Diameter and gap in mm, profile: what one kind of lamp is assumed to be."""
+"""Diameter and gap in mm, tilt in deg with its source, profile: what a lamp is assumed to be."""
 COLORS = {"red": (1.0, 0.0, 0.0), "green": (0.0, 1.0, 0.0), "blue": (0.0, 0.0, 1.0),
           "white": (1.0, 1.0, 1.0), "amber": (1.0, 0.5, 0.0),
           "infrared": (0.3, 0.3, 0.3)}  # fmt: skip
@@ -241,6 +243,11 @@ def _answered(answers: Answers, name: str, key: str = "") -> str:
     return _quantity(key or name, answers.size(name), QUESTIONS[name].unit, source)
 
 
+def _said(answers: Answers, *names: str) -> str:
+    """Return the sizes of the pad that a value comes from, as `render.describe` looks for them."""
+    return " and ".join(f"pad.{name} = {answers.size(name):g} mm" for name in names)
+
+
 def _head(answers: Answers) -> str:
     return f"""# Written by tactilux new. Every value has its unit and its source: those that are assumed await
 # a data sheet, a caliper or `tactilux hw calibrate`; `tactilux describe` lists them all.
@@ -284,7 +291,7 @@ def _lamps(answers: Answers) -> list[str]:
     counts = [f"{edge} = {int(answers.size(edge))}  # {_origin(answers, edge)}"
               for edge in RIM_EDGES]  # fmt: skip
     head = "# Optical fibers, which may turn, evenly spaced along three edges.\n[fibers]"
-    return ["\n".join([head, *counts, *_lamp(answers), SIGMA_V, ""])]
+    return ["\n".join([head, *counts, *_lamp(answers), BEAM, ""])]
 
 
 def _row(answers: Answers, edge: str) -> str:
@@ -298,7 +305,7 @@ def _row(answers: Answers, edge: str) -> str:
             f'edge = "{edge}"',
             f"count = {int(answers.size(edge))}  # {_origin(answers, edge)}",
             *_lamp(answers),
-            LAMPS[answers.lamp][2],
+            LAMPS[answers.lamp][3],
             "",
         ]
     )
@@ -306,12 +313,13 @@ def _row(answers: Answers, edge: str) -> str:
 
 def _lamp(answers: Answers) -> list[str]:
     """Return what is assumed of the size and the place of every lamp."""
-    diameter, gap, _ = LAMPS[answers.lamp]
+    diameter, gap, tilt, _ = LAMPS[answers.lamp]
+    half = f"assumed: half of {_said(answers, 'thickness')}"
     return [
         _quantity("diameter", diameter, "mm", ASSUMED),
         _quantity("gap", gap, "mm", "assumed: air before the pad or its diffuser"),
-        _quantity("height", answers.size("thickness") / 2, "mm", "assumed: half the thickness"),
-        _quantity("tilt", 10.0, "deg", "assumed: a slight angle towards the skin"),
+        _quantity("height", answers.size("thickness") / 2, "mm", half),
+        _quantity("tilt", tilt[0], "deg", tilt[1]),
     ]
 
 
@@ -335,8 +343,13 @@ class _Camera:
         columns, rows = (max(round(side / pixel), 8) for side in (width, length))
         distance, angle = answers.view
         optical = distance + answers.size("thickness") / INDEX
-        viewed = GIVEN if "field_of_view" in answers.numbers else "assumed: the whole pad"
-        placed = GIVEN if "distance" in answers.numbers else ASSUMED
+        viewed = GIVEN
+        if "field_of_view" not in answers.numbers:
+            place = f"camera.distance = {distance:g} mm"
+            viewed = f"assumed: all of {_said(answers, 'length')} from {place}"
+        placed = GIVEN
+        if "distance" not in answers.numbers:
+            placed = f"assumed: a third of the longer of {_said(answers, 'width', 'length')}"
         half = optical * math.tan(math.radians(angle) / 2)
         lines = [
             "# A pinhole: photographs are dewarped. It looks straight at the skin from below.",
@@ -360,29 +373,54 @@ def _sites(answers: Answers, camera: _Camera) -> str:
     radius = max(math.floor(20 * radius) / 20, 0.05)
     # Between the outermost centers: pyramids must not leave the pad, nor what is seen of it.
     room = [max(2 * (0.95 * half - 1.5 * radius), 0.0) for half in seen]
-    counts = [next(n for n in (most, 3, 2, 1) if n == 1 or side / (n - 1) >= 3 * radius)
-              for side, most in zip(room, (3, 5), strict=True)]  # fmt: skip
-    apart = [side / (n - 1) for side, n in zip(room, counts, strict=True) if n > 1]
-    # In twentieths of a mm, and never so near that pyramids touch.
-    steps = [16 * min(apart, default=0.0), 60 * radius + 1]
-    spacing = math.floor(max(steps)) / 20
+    columns, rows, spacing = _grid(room, 3 * radius)
+    source = f"assumed: over what is seen of {_said(answers, 'width', 'length')}"
     return "\n".join(
         [
             "# Where the skin is tested: contacts in a grid, each a small pyramid.",
             "[sites]",
-            f"columns = {counts[0]}",
-            f"rows = {counts[1]}",
-            _quantity("spacing", spacing, "mm", ASSUMED),
+            f"columns = {columns}",
+            f"rows = {rows}",
+            _quantity("spacing", spacing, "mm", source),
             _quantity("centre_x", 0.0, "mm", ASSUMED),
             _quantity("centre_y", 0.0, "mm", ASSUMED),
             "",
             "[indenter]",
             "faces = 10",
             _quantity("slope", 30.0, "deg", ASSUMED),
-            _quantity("radius", radius, "mm", ASSUMED),
+            _quantity("radius", radius, "mm", f"assumed: for {_said(answers, 'width', 'length')}"),
             "",
         ]
     )
+
+
+FEWEST, MOST, COVERED = 12, 25, 0.85
+"""Sites of a new scene, and the part of the room for their centers that they reach over."""
+
+
+def _grid(room: list[float], least: float) -> tuple[int, int, float]:
+    """Return columns, rows and spacing (mm) of sites over ``room`` (x, y; mm).
+
+    They are `FEWEST` to `MOST`, as few as reach over `COVERED` of the room, and if none do those
+    that reach over most of it; ``least`` mm apart, so that pyramids do not touch.
+    """
+    steps = [side / count for side in room for count in range(1, MOST)]
+    # In twentieths of a mm.
+    steps = [math.floor(20 * step) / 20 for step in steps if step >= least + 0.05]
+    grids = [(*(int(side / step + 1e-9) + 1 for side in room), step) for step in steps]
+    grids = [grid for grid in grids if grid[0] * grid[1] <= MOST]
+    if not grids:
+        return 1, 1, math.ceil(20 * least + 1) / 20
+
+    def reach(grid: tuple[int, int, float]) -> float:
+        sides = zip(grid[:2], room, strict=True)
+        # Where there is no room for two, one is all.
+        return math.prod((n - 1) * grid[2] / side for n, side in sides if side >= least + 0.05)
+
+    good = [grid for grid in grids if grid[0] * grid[1] >= FEWEST and reach(grid) >= COVERED]
+    if good:
+        return min(good, key=lambda grid: (grid[0] * grid[1], -reach(grid)))
+    return max(grids, key=lambda grid: (reach(grid), grid[0] * grid[1]))
 
 
 def _other_colors(answers: Answers) -> list[str]:

@@ -2,7 +2,7 @@
 
 const page = JSON.parse(document.getElementById("page").textContent);
 const model = new Model(page, decodeTables(document.getElementById("tables").textContent.trim(), page.tables));
-const limits = new Limits(page), leds = page.palette.names.length;
+const reader = new Reader(model), limits = new Limits(page), leds = page.palette.names.length;
 const find = (id) => document.getElementById(id);
 const one = (value) => value.toFixed(1);
 
@@ -10,10 +10,16 @@ function designOf({ angles_deg, power }) {
   return { phi: Float64Array.from(angles_deg, (a) => Math.min(a * DEGREE, Math.PI)),
     power: Float64Array.from(power.flat()) };
 }
+/* Where a score stands on the bar, %: what ten counts are is shown however little the optimum gains. */
+function place(score) {
+  const { baseline, optimum } = ratings, span = Math.max(Math.abs(optimum.score - baseline.score), 10);
+  return Math.min(Math.max(25 + (60 * (score - baseline.score)) / span, 0), 100);
+}
 function rate(design) { return model.rate(model.light.sum(design)); }
 
 const known = { baseline: designOf(page.designs.baseline), optimum: designOf(page.designs.optimum) };
 const ratings = { baseline: rate(known.baseline), optimum: rate(known.optimum) };
+const baselineError = reader.error(known.baseline);
 const heights = [...ratings.baseline.metric, ...ratings.optimum.metric];
 const heatScale = [Math.min(...heights), Math.max(...heights)];
 /* The link's form: 4 bytes of the scene's hash, then 16 bits for the angle and for each power. */
@@ -22,6 +28,7 @@ const mark = page.scene.hash.slice(0, 8);
 const state = {
   mine: designOf(page.designs.start), show: "mine", selected: 0, bend: 0, touch: page.touches.length - 1,
   center: [0, 0], past: [], future: [], kept: null, climb: null, rated: null,
+  read: null,
 };
 state.kept = copyOf(state.mine);
 state.center = page.sites[Math.floor(page.sites.length / 2)].slice();
@@ -119,7 +126,7 @@ function climbOn() {
     + `${state.climb.evaluated.toLocaleString("en")} designs`;
   redraw();
   if (more) setTimeout(climbOn);
-  else stop("Nothing nearby is better: one lamp's turn, or new colors of two lamps, do not help.");
+  else stop("Nothing nearby is better: to turn one lamp, or to recolor, light or darken two, does not help.");
 }
 
 function stop(said = "") {
@@ -346,8 +353,8 @@ function drawScore(design, rated) {
   find("mean").textContent = one(rated.mean);
   find("spread-sites").textContent = one(rated.spreadSites);
   if (page.axis.word !== "") find("spread-bends").textContent = one(rated.spreadBends);
-  const [low, high] = [ratings.baseline.score, Math.max(ratings.optimum.score, ratings.baseline.score + 1)];
-  const place = (s) => Math.min(Math.max(((s - low) / (high - low)) * 60 + 25, 0), 100);
+  /* Known as of the design that stood still last. */
+  find("degrees").textContent = state.read && same(state.read.design, design) ? state.read.said : "…";
   find("marker").style.left = `${place(rated.score)}%`;
   find("band").style.left = `${place(rated.score - half)}%`;
   find("band").style.width = `${place(rated.score + half) - place(rated.score - half)}%`;
@@ -382,15 +389,22 @@ const IN_STATE = { "": "", bend: " at this bend", state: " in this state" };
 function announce() {
   clearTimeout(pause);
   pause = setTimeout(() => {
+    const design = copyOf(shownDesign()), error = reader.error(design);
+    state.read = { design, said: `${error.toFixed(1)}°, baseline ${baselineError.toFixed(1)}°` };
+    redraw();
     const rated = state.rated, gain = rated.score - ratings.baseline.score;
     const metric = rated.metric.subarray(state.bend * model.sites, (state.bend + 1) * model.sites);
     find("spoken").textContent = `Score ${one(rated.score)}, ${one(Math.abs(gain))} `
-      + `${gain < 0 ? "below" : "above"} the baseline.`;
+      + `${gain < 0 ? "below" : "above"} the baseline; normals read to ${error.toFixed(1)} degrees.`;
     find("heat").setAttribute("aria-label", `Metric M over the sites, from ${Math.round(Math.min(...metric))} `
       + `to ${Math.round(Math.max(...metric))} counts${IN_STATE[page.axis.word]}`);
   }, 300);
 }
 
+const ends = [place(ratings.baseline.score), place(ratings.optimum.score)];
+document.querySelector(".meter").classList.toggle("apart", Math.abs(ends[1] - ends[0]) > 30);
+for (const name of ["baseline", "optimum"])
+  document.querySelector(`.tick.${name}`).style.left = `${place(ratings[name].score)}%`;
 checkBend(0);
 checkTouch(state.touch);
 openLink();
@@ -403,6 +417,7 @@ new ResizeObserver(redraw).observe(document.body);
 window.tactilux = {
   rate: (angles_deg, power) => rate(designOf({ angles_deg, power })),
   design: () => designFile(shownDesign()),
+  normalError: (angles_deg, power) => reader.error(designOf({ angles_deg, power })),
   climbing: () => Boolean(state.climb),
   /* The camera's picture as a PNG in a data URL, of a touch (its number) at a place in mm. */
   picture: (touch, bend, center, width, height) => {

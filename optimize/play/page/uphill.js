@@ -100,7 +100,7 @@ class Climb {
     this.design.phi = limits.settle(design.phi);
     this.fractions = Array.from(design.phi, (_, f) => {
       const c = colorOf(design, f);
-      return c === OFF ? 0 : powersOf(design, f)[c] / limits.color[c];
+      return c === OFF ? 1 : powersOf(design, f)[c] / limits.color[c];
     });
     this.score = model.rate(model.light.sum(this.design)).score;
     this.evaluated = 1;
@@ -167,22 +167,21 @@ class Climb {
     }
   }
 
-  /* The best change of one lamp's color, or of two lamps', as long as one helps. Dark lamps stay
-     dark, dimmed ones keep their part of the allowed power. */
+  /* The best change of one lamp, or of two, as long as one helps: to another color, or dark, or lit
+     where it was dark. Dimmed lamps keep their part of the allowed power. */
   * recolor() {
     const { model, limits } = this, { light } = model, { cells, channels, response } = light;
-    const leds = response.length, others = Array.from({ length: leds - 1 }, (_, s) => s + 1);
-    const lit = this.fractions.map((_, f) => f).filter((f) => isLit(this.design, f));
+    const choices = [OFF, ...response.keys()], lamps = [...this.fractions.keys()];
     for (;;) {
       const counts = Float64Array.from(light.sum(this.design));
       const colors = Array.from(this.design.phi, (_, f) => colorOf(this.design, f));
-      const moves = lit.flatMap((f) => others.map((s) => ({ f, c: (colors[f] + s) % leds })));
+      const moves = lamps.flatMap((f) => choices.filter((c) => c !== colors[f]).map((c) => ({ f, c })));
       const trial = new Float64Array(counts.length);
       const change = (out, { f, c }) => {
         const row = light.rows.subarray(f * light.width, (f + 1) * light.width);
         for (let k = 0; k < channels; k++) {
-          const p = this.fractions[f] * limits.color[c] * response[c][k]
-            - light.gain(this.design.power, f, k), first = light.tint(k);
+          const lit = c === OFF ? 0 : this.fractions[f] * limits.color[c] * response[c][k];
+          const p = lit - light.gain(this.design.power, f, k), first = light.tint(k);
           if (p) for (let i = 0; i < cells; i++) out[channels * i + k] += p * row[first + i];
         }
       };
@@ -207,8 +206,10 @@ class Climb {
       }
       if (!best) return;
       const next = copyOf(this.design);
-      for (const { f, c } of best)
-        powersOf(next, f).fill(0)[c] = this.fractions[f] * limits.color[c];
+      for (const { f, c } of best) {
+        powersOf(next, f).fill(0);
+        if (c !== OFF) powersOf(next, f)[c] = this.fractions[f] * limits.color[c];
+      }
       this.accept(next, model.rate(light.sum(next)).score);
       yield;
     }

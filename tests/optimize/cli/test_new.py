@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,9 +24,9 @@ from optimize.design import baseline_design
 from optimize.exploration import explore
 from optimize.mounting import drilling_jig, stl_bytes
 from optimize.scoring import open_model
-from render.describe import describe
+from render.describe import describe, skin_tested, stale_sources
 from render.errors import SceneError
-from render.geometry import camera_coverage
+from render.geometry import camera_coverage, counted_sites
 from render.scale import scene_scale
 from render.scene import load_scene, sources
 from render.scene.new_scene import LAMPS, QUESTIONS, Answers, scene_file
@@ -61,6 +62,62 @@ def test_flags_become_values_that_say_so(tactilux: Run) -> None:
     assert origins["pad.width"] == origins["camera.distance"] == "as given to tactilux new"
     assert origins["pad.thickness"] == "assumed"
     assert tactilux("describe", "mini.toml").code == 0
+
+
+@pytest.mark.parametrize(
+    ("size", "sites"),
+    [((20, 25), 20), ((14, 32), 18), ((18, 30), 15), ((30, 18), 15), ((40, 40), 16)],
+)
+def test_sites_lie_on_most_of_the_skin_and_it_is_said_on_how_much(
+    tactilux: Run, size: tuple[int, int], sites: int
+) -> None:
+    said = tactilux("new", "mine", "--width", size[0], "--length", size[1])
+    scene = load_scene("mine.toml")
+    assert len(counted_sites(scene)) == sites
+    assert skin_tested(scene) > 0.7
+    assert said.out.startswith(f"{sites} sites on {skin_tested(scene):.0%} of the skin; ")
+    shown = f"sites that count lie on {skin_tested(scene):.0%} of the skin"
+    assert shown in tactilux("describe", "mine.toml").out
+
+
+def test_a_camera_that_sees_a_part_has_its_sites_there_and_that_is_said(tactilux: Run) -> None:
+    said = tactilux("new", "mine", "--width", 20, "--length", 25, "--field-of-view", 40)
+    scene = load_scene("mine.toml")
+    assert camera_coverage(scene).seen.all()
+    assert skin_tested(scene) < 0.2
+    assert f"on {skin_tested(scene):.0%} of the skin" in said.out
+
+
+@pytest.mark.parametrize(("lamp", "tilt"), [("fiber", 10), ("led", 0)])
+def test_what_is_assumed_of_the_lamps_is_said(tactilux: Run, lamp: str, tilt: int) -> None:
+    said = tactilux("new", "mine", "--lamp", lamp, "--thickness", 3)
+    assert np.degrees(load_scene("mine.toml").placed_lamps()[0].tilt) == pytest.approx(tilt)
+    assert f"lamps 1.5 mm above the lower face, tilted by {tilt}° towards the skin" in said.out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentences"),
+    [
+        ("thickness = { value = 4.0", "thickness = { value = 6.0",
+         ["fibers.height = 2 mm comes from pad.thickness = 4 mm, which is 6 mm now"]),
+        ("distance = { value = 10.0", "distance = { value = 14.0",
+         ["camera.field_of_view = 99 deg comes from camera.distance = 10 mm, which is 14 mm now"]),
+        ("width = { value = 18.0", "width = { value = 16.0",
+         [f"{key} comes from pad.width = 18 mm, which is 16 mm now" for key in
+          ("camera.distance = 10 mm", "sites.spacing = 6.65 mm", "indenter.radius = 0.6 mm")]),
+        ("roughness = { value = 0.1", "roughness = { value = 0.2", []),
+    ],
+)  # fmt: skip
+def test_a_value_made_from_another_is_told_of_when_that_changes(
+    tactilux: Run, old: str, new: str, sentences: list[str]
+) -> None:
+    assert tactilux("new", "mine").code == 0
+    path = Path("mine.toml")
+    path.write_text(path.read_text().replace(old, new, 1))
+    found = stale_sources(load_scene(path), sources(path))
+    assert [told.split(":")[0] for told in found] == sentences
+    said = tactilux("describe", path).out
+    assert all(told in said for told in found)
 
 
 def test_one_color_is_that_of_all_edges(tactilux: Run) -> None:

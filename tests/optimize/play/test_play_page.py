@@ -19,6 +19,7 @@ from matplotlib.image import imread
 from optimize.design import Design, baseline_design, limits_of, load_layout, open_rated
 from optimize.play import MAX_BYTES, PlayPage, play_page, write_play
 from optimize.play.page_data import packed
+from optimize.reconstruction import normal_error, predicted_colors
 from optimize.report import encode_srgb
 from optimize.scoring import TableScorer, open_model, search_table
 from optimize.search import refine_locally
@@ -286,6 +287,70 @@ def test_uphill_ends_where_no_search_of_ours_finds_more(
     recolored = quick_colors(scorer, design.phi, starts=[design.colors], restarts=0)
     assert recolored.score < score + 0.05
     assert refine_locally(scorer, design).score < score + 0.1
+
+
+def test_uphill_lights_a_lamp_that_was_darkened_where_that_is_better(play: Page) -> None:
+    for _ in range(3):
+        play.mouse.click(*middle(play, ".lamp .bulb", 3))
+    start = design_of(play)
+    assert start["colors"][3] == "off"
+    lit = [[[float(c == led) for c in range(3)] if f == 3 else power
+            for f, power in enumerate(start["power"])] for led in range(3)]  # fmt: skip
+    rate = "([a, p]) => tactilux.rate(a, p).score"
+    best = max(play.evaluate(rate, [start["angles_deg"], power]) for power in lit)
+    assert best > score_of(play)
+    play.get_by_role("button", name="Push uphill").click()
+    wait(play, "!tactilux.climbing()", 300)
+    found = design_of(play)
+    assert found["score"]["value"] >= best
+    # Whatever one click on a lamp does from there does not help.
+    for f in range(20):
+        for led in range(4):
+            power = [row[:] for row in found["power"]]
+            power[f] = [float(c == led) for c in range(3)]
+            assert (
+                play.evaluate(rate, [found["angles_deg"], power]) < found["score"]["value"] + 0.01
+            )
+
+
+def test_it_reads_normals_as_the_program_does(
+    play: Page, finger20: Scene, finger20_checker: Checker
+) -> None:
+    from playwright.sync_api import expect
+
+    one_color = Design.of_colors(np.full(20, np.pi / 2), [0] * 20)
+    for design in (baseline_design(finger20), known_good(finger20), one_color):
+        colors = predicted_colors(finger20_checker, finger20, design)
+        said = play.evaluate(
+            "([a, p]) => tactilux.normalError(a, p)",
+            [np.degrees(design.phi).tolist(), design.drive.tolist()],
+        )
+        assert said == pytest.approx(normal_error(finger20, colors), rel=0.1)
+    error = normal_error(finger20, predicted_colors(finger20_checker, finger20,
+                                                    baseline_design(finger20)))  # fmt: skip
+    expect(play.locator("#degrees")).to_have_text(re.compile(r"\d+\.\d°, baseline \d+\.\d°"))
+    shown = play.locator("#degrees").text_content()
+    assert shown is not None
+    assert float(shown.split("°")[0]) == pytest.approx(error, rel=0.1, abs=0.06)
+
+
+def test_where_nothing_is_gained_baseline_and_optimum_stand_at_one_place(
+    chromium: Browser, finger20: Scene, finger20_checker: Checker, tmp_path: Path
+) -> None:
+    path, base = tmp_path / "page.html", baseline_design(finger20)
+    write_play(path, PlayPage(finger20, finger20_checker, optimum=base))
+    with chromium.new_context(viewport={"width": 400, "height": 900}, offline=True) as context:
+        page = context.new_page()
+        page.goto(path.as_uri())
+        left = [page.locator(f".tick.{name}").evaluate("tick => tick.style.left")
+                for name in ("baseline", "optimum")]  # fmt: skip
+        assert left == ["25%", "25%"]
+        boxes = [page.locator(f".tick.{name}").bounding_box() for name in ("baseline", "optimum")]
+        assert boxes[0] is not None
+        assert boxes[1] is not None
+        assert boxes[0]["x"] >= 0
+        assert boxes[0]["x"] + boxes[0]["width"] <= boxes[1]["x"] + 1
+        page.screenshot(path=tmp_path / "phone.png")
 
 
 def test_the_saved_file_is_a_rated_design(

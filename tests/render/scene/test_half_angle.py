@@ -79,7 +79,7 @@ def test_a_hash_knows_the_beam_and_not_the_key(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("width", "sentence"),
     [
-        (f"half_angle = {SHEET % 60}", "half_angle = 60 deg: allowed: 0.2 to 56 deg "
+        (f"half_angle = {SHEET % 60}", "half_angle = 60: allowed: 0.2 to 56 deg "
          r'\("lambertian" has 60 deg; some data sheets give twice the angle\)'),
         ("half_angle = " + SHEET % '"wide"', 'half_angle = "wide", allowed: a number'),
         ("half_angle = 30.0", "half_angle = 30.0: must have the form"),
@@ -99,7 +99,7 @@ def test_its_source_is_told_with_it(tactilux: Run, tmp_path: Path) -> None:
     assert sources(path)["fibers.sigma_v"] == "data sheet (half_angle 30 deg)"
     assert sources(path).keys() == sources("finger20").keys()
     said = tactilux("describe", path)
-    assert "20.2412 deg  data sheet (half_angle 30 deg)" in said.out
+    assert "20.2388 deg  data sheet (half_angle 30 deg)" in said.out
 
 
 def test_lines_of_a_lamps_file_have_it_too(tmp_path: Path) -> None:
