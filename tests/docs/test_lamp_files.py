@@ -47,7 +47,8 @@ def test_each_form_of_a_profile_loads(folder: Path) -> None:
         rows = rows_scene(folder, text.replace(used, form, 1)).rows
         assert rows is not None
         found.append(rows[0].profile)
-    exponent, gaussian, table, ies, lambertian = found
+    exponent, by_angle, gaussian, table, ies, lambertian = found
+    assert by_angle.shape(np.radians(30.0)) == pytest.approx(0.5)
     assert exponent.shape(np.radians(30.0)) == pytest.approx(0.5, abs=0.01)
     assert gaussian.sigma_v == pytest.approx(np.radians(15.0))
     assert table == ies

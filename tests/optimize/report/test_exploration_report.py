@@ -7,14 +7,19 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from optimize.exploration import Stage, stage_to_json
 from optimize.mounting import mount
 from optimize.report import print_scores, render_report, warnings, wiring_context
+from optimize.report.exploration_report import caveats
+from render.scene import load_scene
 from render.scene.scene_file import scene_from_text, scene_text
 from surrogate.runtime import RankingTest
+from surrogate.runtime.metadata import CONVERGED
 
 RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0, unconverged=0.0)
 NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, minutes=1.5, unconverged=0.0)
@@ -54,6 +59,17 @@ def report(stages: list[Stage], ranking: RankingTest = RELIABLE) -> str:
     )
 
 
+def test_light_goes_through_a_diffuser_only_where_there_is_one() -> None:
+    def told(name: str) -> str:
+        checker = SimpleNamespace(level=CONVERGED, coverage=0.9, score_half_width=1.0)
+        found: Any = SimpleNamespace(scene=load_scene(name), checker=checker)
+        return " ".join(caveats(found))
+
+    assert "light was followed through the diffuser to every facet" in told("finger20")
+    assert "light was followed to every facet" in told("digit")
+    assert "diffuser" not in told("digit")
+
+
 def test_the_report_needs_no_other_file_and_no_network(sample_stages: StageMaker) -> None:
     html = report(sample_stages(30, 40, 50))
     sources = re.findall(r'src="([^"]*)"', html)
@@ -66,7 +82,7 @@ def test_the_report_needs_no_other_file_and_no_network(sample_stages: StageMaker
 def test_the_wiring_sheet_has_a_row_for_every_fiber(sample_stages: StageMaker) -> None:
     stages = sample_stages(30, 40, 50)
     sheet = report(stages).partition("Wiring sheet")[2]
-    rows = re.findall(r'<tr><td>(\d+)</td><td class="text">(left|tip|right)</td>', sheet)
+    rows = re.findall(r'<td data-label="Fiber">(\d+)</td>\s*<td data-label="Edge" class="text">(left|tip|right)</td>', sheet)
     assert [int(number) for number, _ in rows] == list(range(20))
     assert [edge for _, edge in rows].count("tip") == 4
 

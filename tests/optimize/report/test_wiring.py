@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import html
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from matplotlib.image import imread
 
 from optimize.design import baseline_design
 from optimize.mounting import mount
 from optimize.report import render_page, wiring_context
-from render.scene import Scene
+from render.scene import Scene, load_scene
 from tests.colored_skins import content_with, of
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 STILL = {
     "count": 2, "turns": False, "profile": "lambertian", "diameter": of(1.0, "mm"),
@@ -56,3 +65,29 @@ def test_numbers_are_told_for_the_edges_that_have_lamps() -> None:
 
 def test_one_type_of_led_is_exchanged_with_none() -> None:
     assert "may be exchanged" not in sheet(sensor("left", "right"))
+
+
+@pytest.mark.slow
+def test_a_phone_shows_every_column_and_a_dark_screen_a_dark_drawing(
+    chromium: Browser, tmp_path: Path
+) -> None:
+    path, scene = tmp_path / "wiring.html", load_scene("finger20")
+    wiring = wiring_context(mount(scene, baseline_design(scene)), "Baseline")
+    content = {"wiring": wiring, "scene": scene.name, "scene_hash": scene.hash}
+    path.write_text(render_page("wiring.html.j2", content | {"bends": [0.0], "facts": []}))
+    named = ["Fiber", "Edge", "x (mm)", "y (mm)", "Color", "mA", "LED", "Channel", "Angle", "Leans"]
+    for width in (320, 390, 1280):
+        view = {"width": width, "height": 700}
+        with chromium.new_context(viewport=view, color_scheme="dark") as context:  # type: ignore[arg-type]
+            page = context.new_page()
+            page.goto(path.as_uri())
+            row = page.locator(".lamps tbody tr").nth(9).locator("td")
+            assert row.evaluate_all("cells => cells.map(c => c.dataset.label)") == named
+            edges = row.evaluate_all("cells => cells.map(c => c.getBoundingClientRect().right)")
+            assert all(0 < edge <= width for edge in edges)
+            label = "cells => cells.map(c => getComputedStyle(c, '::before').content)"
+            shown = [text.strip('"').strip() for text in row.evaluate_all(label)]
+            assert (shown == named) == (width < 640)
+            picture = page.locator(".sheet img")
+            shot = imread(io.BytesIO(picture.screenshot()))[..., :3]
+            assert shot.mean() < 0.3
