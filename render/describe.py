@@ -174,13 +174,16 @@ def stale_sources(scene: Scene, origins: Mapping[str, str]) -> list[str]:
 
 def _stale(values: tuple[Value, ...]) -> Iterator[str]:
     """Yield values whose source names another value, ``pad.thickness = 4 mm``, of another size."""
-    known = {item.key: item for item in values if isinstance(item.value, float)}
+    known = {item.key: (item, item.value) for item in values if isinstance(item.value, float)}
     for item in values:
         for key, said in re.findall(r"(\w+(?:\.\w+)+) = (-?\d+(?:\.\d+)?)", item.source):
-            if key in known and not math.isclose(float(said), known[key].value, rel_tol=1e-4):
+            if key not in known:
+                continue
+            other, now = known[key]
+            if not math.isclose(float(said), now, rel_tol=1e-4):
                 yield (
-                    f"{item.key} = {_shown(item)} comes from {key} = {said} {known[key].unit}, "
-                    f"which is {_shown(known[key])} now: give it a value and a source of its own"
+                    f"{item.key} = {_shown(item)} comes from {key} = {said} {other.unit}, "
+                    f"which is {_shown(other)} now: give it a value and a source of its own"
                 )
 
 

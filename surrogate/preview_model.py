@@ -3,7 +3,7 @@
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
 residual. The coarse preview is the shader's, and there in seconds. Two others correct its transport
 by that of `render.preview.converged`: of few light paths, some seconds later, and the converged
-one, in about a minute. How far each is from level 2 was measured once
+one, in one to three minutes. How far each is from level 2 was measured once
 (``tests/validation/test_preview_model.py``); `preview_interval` makes it the intervals of a scene.
 """
 
@@ -88,7 +88,7 @@ def preview_checker(
 ) -> Checker:
     """Return a checker of ``scene`` on its preview alone, level 0.
 
-    The converged one, in about a minute; with ``coarse`` the shader's, in seconds, but for scenes
+    The converged one, in one to three minutes; with ``coarse`` the shader's, in seconds, but for scenes
     under a window of another index than the pad's, where the shader lacks up to a third of the
     light: that of `few_paths_checker`. All are kept in the user's cache, by the scene's hash.
 

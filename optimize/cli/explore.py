@@ -69,7 +69,7 @@ def run(
         earlier = design_in(target / DESIGN)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        # What takes a minute to answer is answered with few light paths before.
+        # What takes minutes to answer is answered with few light paths before.
         twice = not coarse and not is_prompt(scene, model)
         for last in (False, True) if twice else (True,):
             checker = open_model(scene, model, coarse=coarse) if last else first_model(scene)

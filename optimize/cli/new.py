@@ -90,11 +90,11 @@ def run(
             return
         word = shlex.quote(str(path))
         assumed = sum(source.startswith("assumed") for source in sources(path).values())
-        lamp = scene.placed_lamps()[0]
+        first = scene.placed_lamps()[0]
         stream.write(
             f"{counted(sites, 'site')} on {skin_tested(scene):.0%} of the skin; "
-            f"{counted(assumed, 'value')} assumed, among them: lamps {lamp.position[2]:g} mm above "
-            f"the lower face, tilted by {math.degrees(lamp.tilt):g}° towards the skin. "
+            f"{counted(assumed, 'value')} assumed, among them: lamps {first.position[2]:g} mm "
+            f"above the lower face, tilted by {math.degrees(first.tilt):g}° towards the skin. "
             f"tactilux describe {word} lists them.\n"
             f"Scene: {path}, go on with tactilux explore {word}\n"
         )

@@ -26,7 +26,7 @@ ModelFolder = Annotated[
     Path | None, Option(help="Folder with checker.onnx (default: found by the scene's hash).")
 ]
 Coarse = Annotated[
-    bool, Option("--coarse", help="On the preview as drawn: seconds, not a minute, and less exact.")
+    bool, Option("--coarse", help="On the preview as drawn: seconds, not minutes, and less exact.")
 ]
 Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
 StateName = Annotated[

@@ -97,7 +97,7 @@ def scene_model(
 ) -> Checker:
     """Return the model of ``scene``: a trained one, or what there is without one, see the module.
 
-    A converged preview takes a minute, unless it is kept, as `is_prompt` says.
+    A converged preview takes one to three minutes, unless it is kept, as `is_prompt` says.
 
     Arguments:
         scene: the sensor.

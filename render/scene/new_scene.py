@@ -407,7 +407,8 @@ def _grid(room: list[float], least: float) -> tuple[int, int, float]:
     steps = [side / count for side in room for count in range(1, MOST)]
     # In twentieths of a mm.
     steps = [math.floor(20 * step) / 20 for step in steps if step >= least + 0.05]
-    grids = [(*(int(side / step + 1e-9) + 1 for side in room), step) for step in steps]
+    across, along = room
+    grids = [(int(across / s + 1e-9) + 1, int(along / s + 1e-9) + 1, s) for s in steps]
     grids = [grid for grid in grids if grid[0] * grid[1] <= MOST]
     if not grids:
         return 1, 1, math.ceil(20 * least + 1) / 20

@@ -82,7 +82,8 @@ def test_the_report_needs_no_other_file_and_no_network(sample_stages: StageMaker
 def test_the_wiring_sheet_has_a_row_for_every_fiber(sample_stages: StageMaker) -> None:
     stages = sample_stages(30, 40, 50)
     sheet = report(stages).partition("Wiring sheet")[2]
-    rows = re.findall(r'<td data-label="Fiber">(\d+)</td>\s*<td data-label="Edge" class="text">(left|tip|right)</td>', sheet)
+    row = r'<td data-label="Fiber">(\d+)</td>\s*<td data-label="Edge" class="text">(\w+)</td>'
+    rows = re.findall(row, sheet)
     assert [int(number) for number, _ in rows] == list(range(20))
     assert [edge for _, edge in rows].count("tip") == 4
 
