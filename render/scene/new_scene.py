@@ -371,8 +371,9 @@ def _sites(answers: Answers, camera: _Camera) -> str:
     seen = [min(side / 2, half) for side, half in zip(sides, camera.half, strict=True)]
     radius = min(max(0.6, max(sides) / 50), answers.size("thickness"), min(seen) / 2)
     radius = max(math.floor(20 * radius) / 20, 0.05)
-    # Between the outermost centers: pyramids must not leave the pad, nor what is seen of it.
-    room = [max(2 * (0.95 * half - 1.5 * radius), 0.0) for half in seen]
+    # Between the outermost centers: pyramids must not leave the pad, nor what is seen of it, and
+    # beside the edges the nearest lamp alone would set the exposure.
+    room = [0.8 * max(2 * (0.95 * half - 1.5 * radius), 0.0) for half in seen]
     columns, rows, spacing = _grid(room, 3 * radius)
     source = f"assumed: over what is seen of {_said(answers, 'width', 'length')}"
     return "\n".join(
@@ -394,7 +395,7 @@ def _sites(answers: Answers, camera: _Camera) -> str:
     )
 
 
-FEWEST, MOST, COVERED = 12, 25, 0.85
+FEWEST, MOST, COVERED = 15, 25, 0.8
 """Sites of a new scene, and the part of the room for their centers that they reach over."""
 
 
@@ -404,7 +405,7 @@ def _grid(room: list[float], least: float) -> tuple[int, int, float]:
     They are `FEWEST` to `MOST`, as few as reach over `COVERED` of the room, and if none do those
     that reach over most of it; ``least`` mm apart, so that pyramids do not touch.
     """
-    steps = [side / count for side in room for count in range(1, MOST)]
+    steps = [side / count for side in room for count in range(1, 12)]
     # In twentieths of a mm.
     steps = [math.floor(20 * step) / 20 for step in steps if step >= least + 0.05]
     across, along = room
