@@ -102,7 +102,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
     pictures = {f"{name}-{stage}.{kind}" for name, kind in kinds.items()
                 for stage in ("baseline", "colors", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
-    texts = {"design.json", "baseline.json", "report.html", "result.json"}
+    texts = {"design.json", "baseline.json", "report.html", "result.json", "scene.toml"}
     texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html"}
     assert names == pictures | texts | {"convergence.png"}
 
