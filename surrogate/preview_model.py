@@ -88,9 +88,9 @@ def preview_checker(
 ) -> Checker:
     """Return a checker of ``scene`` on its preview alone, level 0.
 
-    The converged one, in one to three minutes; with ``coarse`` the shader's, in seconds, but for scenes
-    under a window of another index than the pad's, where the shader lacks up to a third of the
-    light: that of `few_paths_checker`. All are kept in the user's cache, by the scene's hash.
+    The converged one, in one to three minutes; with ``coarse`` the shader's, in seconds, but for
+    scenes under a window of another index than the pad's, where the shader lacks up to a third of
+    the light: that of `few_paths_checker`. All are kept in the user's cache, by the scene's hash.
 
     Raises:
         GraphicsError: no OpenGL library can draw.

@@ -142,10 +142,13 @@ def reader_verdict(names: tuple[str, str], errors: tuple[float, float]) -> str:
 
     >>> reader_verdict(("A", "B"), (1.93, 1.672))
     'B reads better (1.67° for 1.93°)'
+    >>> reader_verdict(("A", "B"), (7.62, 20.24))
+    'A reads better (7.62° for 20.24°)'
     >>> reader_verdict(("A", "B"), (1.93, 1.931))
     'both read alike (1.93°)'
     """
-    (low, best), (high, _) = sorted(zip((f"{error:.2f}°" for error in errors), names, strict=True))
+    (first, best), (last, _) = sorted(zip(errors, names, strict=True))
+    low, high = f"{first:.2f}°", f"{last:.2f}°"
     return f"both read alike ({low})" if low == high else f"{best} reads better ({low} for {high})"
 
 
