@@ -225,15 +225,6 @@ def test_tables_that_colors_cannot_use(refused: Callable[..., str], tmp_path: Pa
     assert "0 to 1" in refused("colors", "two.npz", "--phi-index", 2)
 
 
-def test_robust_without_tolerances(
-    refused: Callable[..., str], design: Path, small_scene: Path, small_model: Path
-) -> None:
-    sentence = refused("explore", small_scene, "--model", small_model, "--robust", "quantile")
-    assert "[tolerances]" in sentence
-    words = ["--scene", small_scene, "--model", small_model]
-    assert "[tolerances]" in refused("sensitivity", design, *words)
-
-
 def test_constraints_that_contradict_each_other(
     refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:
