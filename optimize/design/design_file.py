@@ -276,8 +276,6 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
     return RatedDesign(scene, design, saved.rating)
 
 
-
-
 def palette_in_file(palette: Palette) -> dict[str, Any]:
     """Return what a design file says of its LEDs: nothing of red, green and blue alone."""
     if palette == RGB:

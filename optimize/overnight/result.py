@@ -19,7 +19,7 @@ from optimize.design import SCENE, Array, Design, Rating, ScoreSettings, save_de
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
-from render.files import parse_json, read_npz, write_bytes, write_npz
+from render.files import parse_json, read_npz, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
 from render.refused_values import problem_sentence

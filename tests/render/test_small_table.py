@@ -98,9 +98,7 @@ def test_what_is_no_table_or_two_is_one_sentence(
 def test_a_file_too_large_to_be_a_table_is_not_read(tmp_path: Path) -> None:
     with (tmp_path / "table.csv").open("wb") as stream:
         stream.truncate(10**11)
-    with pytest.raises(
-        ValueError, match="allowed: up to 4,000,000"
-    ):
+    with pytest.raises(ValueError, match="allowed: up to 4,000,000"):
         SmallTable.read(tmp_path / "table.csv")
 
 
