@@ -9,11 +9,12 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from render.files import MEGABYTE, read_bytes
+from render.mesh_units import NAMES, UNITS, Unit
 
 if TYPE_CHECKING:
     import trimesh
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
 
     from render.arrays import Array
 
-Unit = Literal["mm", "cm", "m", "in", "um"]
-UNITS: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "um": 1e-3}
-"""Millimeters of each unit that a file may be in."""
 KINDS = (".stl", ".ply", ".obj")
 MOST_BYTES = 64 * MEGABYTE
 """Of a mesh file: a million triangles of a binary STL file."""
@@ -31,11 +29,6 @@ COMMON, RARE, USUAL = 20.0, 10.0, 5.0
 """How many times larger or smaller than the pad a body may be in mm, in other units, and without a
 word of other units."""
 _REMARK = re.compile(r"(?im)^(?:\s*(?:#|comment|obj_info)|solid).*\bunits?\b\W*([a-z]+)")
-_NAMES: dict[str, Unit] = {
-    "mm": "mm", "millimeter": "mm", "millimetre": "mm", "cm": "cm", "centimeter": "cm",
-    "centimetre": "cm", "m": "m", "meter": "m", "metre": "m", "in": "in", "inch": "in",
-    "inche": "in", "um": "um", "micrometer": "um", "micron": "um",
-}  # fmt: skip
 
 
 def read_mesh(path: Path) -> tuple[trimesh.Trimesh, Unit | None]:
@@ -67,7 +60,7 @@ def read_mesh(path: Path) -> tuple[trimesh.Trimesh, Unit | None]:
             f"{path} is no body that can be read, allowed: a mesh file in STL, PLY or OBJ"
         ) from None
     remark = _REMARK.search(content[:4096].decode("latin-1"))
-    named = None if remark is None else _NAMES.get(remark[1].lower().removesuffix("s"))
+    named = None if remark is None else NAMES.get(remark[1].lower().removesuffix("s"))
     return mesh, named
 
 

@@ -21,7 +21,7 @@ from optimize.cli.options import (
 )
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
-from render.mesh_file import Unit
+from render.mesh_units import Unit
 
 if TYPE_CHECKING:
     from optimize.design import Design

@@ -15,7 +15,8 @@ from render.geometry.chart import SkinChart
 from render.geometry.height_map import HeightMap, map_lines
 from render.geometry.indenter import place_body, skin_heights
 from render.geometry.layout import declared_sites
-from render.mesh_file import UNITS, Unit, read_mesh, size_in_words, unit_of_body
+from render.mesh_file import read_mesh, size_in_words, unit_of_body
+from render.mesh_units import UNITS, Unit
 from render.scene import Scene
 
 FILE_DEPTH = 1.0

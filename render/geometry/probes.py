@@ -18,7 +18,7 @@ from render.geometry.indenter import (
     smoothed_skin,
     straight_edge,
 )
-from render.mesh_file import Unit
+from render.mesh_units import Unit
 from render.refused_values import did_you_mean
 from render.scene import Scene
 

@@ -19,7 +19,8 @@ from pydantic import GetJsonSchemaHandler, ValidationInfo, model_validator
 from pydantic_core import CoreSchema
 
 from render.arrays import Array
-from render.mesh_file import UNITS, Unit, read_mesh, unit_of_outline
+from render.mesh_file import read_mesh, unit_of_outline
+from render.mesh_units import UNITS, Unit
 from render.scene.quantities import Part, quantity_form
 
 if TYPE_CHECKING:

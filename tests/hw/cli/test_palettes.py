@@ -122,7 +122,8 @@ def test_sweeps_in_colors_that_do_not_fit_raise_one_clear_error(
     tactilux: Run, tmp_path: Path, colors: list[str], said: str
 ) -> None:
     scene = rig_scene(tmp_path, AMBER)
-    result = tactilux("hw", "calibrate", "--scene", scene, "--flat", "flat", *colors)
+    result = tactilux("hw", "calibrate", "--scene", scene, "--flat", "flat",
+                      "--linearity", "line", *colors)  # fmt: skip
     assert result.code == 2
     assert said in result.err
     assert result.err.count("\n") == 1
@@ -135,7 +136,16 @@ def test_photographs_of_another_camera_raise_one_clear_error(tactilux: Run, tmp_
     for command in (
         ("check", scene, "--capture", tmp_path / "flat"),
         ("hw", "linearity", tmp_path / "flat", "--scene", scene),
-        ("hw", "calibrate", "--flat", tmp_path / "flat", "--scene", scene),
+        (
+            "hw",
+            "calibrate",
+            "--flat",
+            tmp_path / "flat",
+            "--scene",
+            scene,
+            "--linearity",
+            tmp_path / "flat",
+        ),
     ):
         result = tactilux(*command)
         assert result.code == 2

@@ -128,7 +128,7 @@ def test_a_corrupt_model_with_a_right_checksum(
 ) -> None:
     copy = shutil.copytree(small_model, tmp_path / "model")
     replace_model(copy, b"this is no protobuf")
-    assert "cannot be run" in refused("explore", small_scene, "--model", copy)
+    assert "it is no ONNX file" in refused("explore", small_scene, "--model", copy)
 
 
 def test_a_foreign_model(

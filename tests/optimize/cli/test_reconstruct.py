@@ -26,6 +26,6 @@ def test_its_level_is_that_of_the_model_which_answered(
     assert json.loads(tactilux(*words, "--json").out)["level"] == "surrogate"
 
     drawn = preview_checker(scene, coarse=True)
-    monkeypatch.setattr("optimize.scoring.open_model", lambda *_, **__: drawn)
+    monkeypatch.setattr("optimize.scoring.surrogate_model.open_model", lambda *_, **__: drawn)
     assert json.loads(tactilux(*words, "--json").out)["level"] == "preview"
     assert "level 0, preview" in " ".join(tactilux(*words).out.split())

@@ -13,6 +13,7 @@ from optimize.frontier import frontier
 from optimize.frontier.frontier import PLAN, FrontierPlan, make_frontier_plan
 from optimize.frontier.held_out import HeldOutDesigns
 from optimize.ui.output import OutputError, check_target
+from render.files import read_json, write_json
 from render.progress import OnProgress, Progress
 from render.reference import RenderCost, TimeBudget
 from render.scene import Scene
@@ -43,8 +44,9 @@ def test_given_samples_fix_all_other_work(
 
 def test_the_same_request_takes_the_stored_plan_up(finger20: Scene, tmp_path: Path) -> None:
     first = plan(finger20, tmp_path)
-    stored = (tmp_path / PLAN).read_text().replace("[10, 40]", "[20, 80]")
-    (tmp_path / PLAN).write_text(stored)
+    stored = read_json(tmp_path / PLAN)
+    assert stored["short"] == [10, 40]
+    write_json(tmp_path / PLAN, stored | {"short": [20, 80]})
     assert plan(finger20, tmp_path).short == [20, 80]
     assert plan(finger20, tmp_path, count=4).short == first.short
 

@@ -11,7 +11,7 @@ from render.preview.light_paths import walls_met, walls_reflect
 from render.preview.lights import with_images
 from render.preview.radiosity import solve_radiosity
 from render.preview.shading_points import shading_points
-from render.scene import EDGES, FACES, Scene
+from render.scene import EDGES, FACES, Scene, unchecked
 from tests.oracles.pads import CASES, scene_of_case
 
 LEFT, TIP, RIGHT, BASE, LOWER = range(len(FACES))
@@ -75,7 +75,7 @@ def test_lamps_are_seen_through_open_faces_alone() -> None:
     scene = scene_of_case("beside a corner")
     entry = scene_of_case("black walls").faces
     assert entry is not None
-    tip = scene.model_copy(update={"faces": (entry[0].model_copy(update={"on": ("tip",)}),)})
+    tip = unchecked(scene, {"faces": (unchecked(entry[0], {"on": ("tip",)}),)})
     faces = [
         set((Beams(one).position[0, :, 3].astype(int) % BEAM_MARK).tolist()) for one in (scene, tip)
     ]
