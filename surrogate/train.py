@@ -15,7 +15,7 @@ from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
 from render.progress import OnProgress, Progress, in_stage
-from render.reference import TimeBudget
+from render.reference import TimeBudget, check_rendered
 from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
@@ -146,6 +146,7 @@ def train(
     run = run or out.parent / f"{out.name}-training"
     if table is not None:
         _check(scene, table)
+    check_rendered(scene, scene.state_axis)
     check_model_size(scene, config)
     began = time.monotonic() if began is None else began
     fit_time = None

@@ -18,15 +18,12 @@ from render.arrays import Array
 from render.cells.arriving_light import ArrivingLight
 from render.cells.bent_images import BentImages
 from render.cells.bonded_images import BondedImages
-from render.cells.bonded_lamp_images import BondedLampImages
 from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import FacetGuiding, FiberGlow
 from render.cells.lamp_aim import LampAim
-from render.cells.lamp_cells import has_lamp_images
 from render.cells.lamp_connections import AimedSubpaths, Lamp
-from render.cells.lamp_images import LampImages
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages, mirror_faces
@@ -176,10 +173,6 @@ class PadSampler:
             else:
                 repeats = any(repeating_axes(scene))
                 self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
-        self.lamp_images: LampImages | None = None
-        if mirrors.any() and not self.mirror.curved and has_lamp_images(scene):
-            kind = BondedLampImages if bonded else LampImages
-            self.lamp_images = kind(scene, self.light)
         # Over a lower face without exact images directions are drawn near the mirror image.
         # No such lobe passes a bond that refracts.
         self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
@@ -215,7 +208,7 @@ class PadSampler:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""
         if not self.seen:
             return None
-        return Lamp(self.light, fiber, self.scene.pad.index == 1.0, self.lamp_images)
+        return Lamp(self.light, fiber, self.scene.pad.index == 1.0)
 
     def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
         """Return the subpaths that find lamps behind smooth faces."""
@@ -262,7 +255,6 @@ class PadSampler:
             self.guiding(fiber) if self.seen else None,
             self.passable,
             self.lobed,
-            self.lamp_images,
         )
 
 

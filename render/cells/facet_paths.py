@@ -21,10 +21,9 @@ import drjit as dr
 import mitsuba as mi
 
 from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, MetLamp
-from render.cells.lamp_images import NO_IMAGE
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.cells.mirror_images import FoldedWay, ImageChain, MirrorImages
+from render.cells.mirror_images import ImageChain, MirrorImages
 from render.paths.connect import connect_vertices, mirror_connection
 from render.paths.mirrors import KeptVertex, SubpathTail, mirror_ratio, shared_d_vcm
 from render.paths.vertex import (
@@ -104,9 +103,6 @@ def trace_facet_subpath(
     chain = ImageChain.closed()  # smooth mirrors behind the facet
     share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
     followed = mi.UInt32(0)  # events that an aimed subpath would have taken
-    # The last diffuse surface, how it was left, and the way since then, all over mirrors or not.
-    launch, launched, launched_d_vcm = mi.Point3f(0.0), mi.Vector3f(0.0), mi.Float(0.0)
-    later, travelled, mirrored = mi.Bool(False), FoldedWay.none(), mi.Bool(False)
     while active:
         segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -118,14 +114,6 @@ def trace_facet_subpath(
             straight = (end.total == 0.0) & (glossy.total == 0.0)
             if lamp.light.cast_in is not None:
                 straight &= segment.d_vcm == 0.0
-            if lamp.images is not None:
-                if mirrored & (segment.d_vcm == 0.0):
-                    segment.image = lamp.image(later, launch, launched, travelled, begin, segment.d)
-                segment.later, segment.launch = mi.Bool(later), mi.Point3f(launch)
-                segment.launch_d_vcm = mi.Float(launched_d_vcm)
-                straight &= segment.image == NO_IMAGE
-                length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-                travelled = travelled.on(segment.d, length)
             followed += dr.select(behind, mi.UInt32(1), 0)
             straight &= followed < AIMED_EVENTS
             segment.beta *= dr.select(straight, share, 1.0)
@@ -183,15 +171,6 @@ def trace_facet_subpath(
         if aimed is not None:
             own = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
             share = dr.select(is_facet, own, share)
-        if lamp is not None and lamp.images is not None:
-            launches = arrived & v.diffuse & ~v.volume
-            mirrored = launches | (mirrored & (~arrived | v.delta))
-            later = dr.select(launches, ~is_facet, later)
-            launch = dr.select(launches, v.p, launch)
-            launched = dr.select(launches, state.d, launched)
-            launched_d_vcm = dr.select(launches, state.d_vcm, launched_d_vcm)
-            travelled = travelled.through(v, state.d, arrived & v.delta)
-            travelled = dr.select(launches, FoldedWay.none(), travelled)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     for kept in (glossy, end):
@@ -242,16 +221,6 @@ def radiance_per_node(
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
-        if lamp.images is not None:
-            number = (last + 1) * LIGHT_EVENTS - 1 - offset - 5 * JOINED_STRIDE
-            for later, vertex in ((False, camera.facet), (True, end)):
-                which, point = stream.event(number - JOINED_STRIDE), stream.event(number)
-                found.append(
-                    lamp.images.joined(
-                        scene, lamp.fiber, mi.Bool(later), vertex, which, point, guiding
-                    )
-                )
-                number -= 2 * JOINED_STRIDE
         if aimed is not None:
             number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
             found.append(aimed.light(scene, camera.facet, stream, number))

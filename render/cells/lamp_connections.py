@@ -19,8 +19,6 @@ import mitsuba as mi
 
 from render.cells.fiber_light import FiberLight
 from render.cells.lamp_aim import LampAim, Way
-from render.cells.lamp_images import NO_IMAGE, LampImages
-from render.cells.mirror_images import FoldedWay
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -49,9 +47,7 @@ class MetLamp:
     """The segment from ``p`` along ``d`` of a camera subpath that passed through a lamp.
 
     A Dr.Jit PyTree. ``weight`` is 1 / probability that it was kept, 0 where there is none; the sums
-    are those of the segment (``render.paths.walk.SubpathState``). ``image`` is the one of the lamp
-    that was met from the diffuse vertex at ``launch``, which is the facet or comes ``later``
-    (``render.cells.lamp_images``); ``launch_d_vcm`` is that of the direction it was left in.
+    are those of the segment (``render.paths.walk.SubpathState``).
     """
 
     p: mi.Point3f
@@ -60,10 +56,6 @@ class MetLamp:
     depth: mi.Spectrum
     d_vcm: mi.Float
     d_vc: mi.Float
-    image: mi.UInt32
-    later: mi.Bool
-    launch: mi.Point3f
-    launch_d_vcm: mi.Float
     weight: mi.Float
 
     @staticmethod
@@ -71,8 +63,7 @@ class MetLamp:
         """Return a segment with weight 0, for loops that have not found one yet."""
         return MetLamp(
             dr.zeros(mi.Point3f), mi.Vector3f(0, 0, 1), mi.Spectrum(0), mi.Spectrum(0),
-            mi.Float(0), mi.Float(0), mi.UInt32(NO_IMAGE), mi.Bool(False), dr.zeros(mi.Point3f),
-            mi.Float(0), mi.Float(0),
+            mi.Float(0), mi.Float(0), mi.Float(0),
         )  # fmt: skip
 
     @staticmethod
@@ -82,8 +73,7 @@ class MetLamp:
         by_volume = dr.select(state.from_volume, channel_mean(state.sigma_from), 1.0)
         return MetLamp(
             mi.Point3f(p), mi.Vector3f(state.d), mi.Spectrum(state.beta), mi.Spectrum(state.depth),
-            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.UInt32(NO_IMAGE), mi.Bool(False),
-            dr.zeros(mi.Point3f), mi.Float(0), mi.Float(1),
+            mi.Float(state.d_vcm), state.d_vc * by_volume, mi.Float(1),
         )  # fmt: skip
 
 
@@ -91,14 +81,12 @@ class MetLamp:
 class Lamp:
     """The lamp of each lane: one of the fibers of ``light``.
 
-    ``bare`` says that silicone and air have the same index, so that the coating sees the lamp;
-    ``images`` are what facing walls show of it, if anything.
+    ``bare`` says that silicone and air have the same index, so that the coating sees the lamp.
     """
 
     light: FiberLight
     fiber: mi.UInt32
     bare: bool
-    images: LampImages | None
 
     def passed(
         self, segment: MetLamp, begin: mi.Point3f, state: SubpathState, v: Vertex,
@@ -114,18 +102,6 @@ class Lamp:
         length = dr.select(escaped, dr.inf, length)
         return self.light.passed(self.fiber, begin, segment.d, length)
 
-    def image(
-        self, later: mi.Bool, launch: mi.Point3f, launched: mi.Vector3f, way: FoldedWay,
-        begin: mi.Point3f, d: mi.Vector3f,
-    ) -> mi.UInt32:  # fmt: skip
-        """Return which image of the lamp a subpath meets that passes through it from ``begin``.
-
-        It left ``launch`` in the direction ``launched`` and came a ``way`` over mirrors.
-        """
-        assert self.images is not None
-        way = way.on(d, self.light.distance(self.fiber, begin, d))
-        return self.images.along(self.fiber, later, launch, launched, way)
-
     def met(self, segment: MetLamp) -> list[mi.Float]:
         """Return, per direction node, the light that a camera subpath has met (s = 0)."""
         ray = self.light.ray(self.fiber, segment.p, -segment.d)
@@ -134,11 +110,6 @@ class Lamp:
         through = channel_mean(relative)
         value = channel_mean(segment.beta * relative) / through * segment.weight
         ratio = ray.joined * segment.d_vcm / through + ray.emitted * segment.d_vc
-        if self.images is not None:
-            ratio += self.images.strategies(
-                segment.image, self.fiber, segment.later, segment.launch, segment.d,
-                segment.launch_d_vcm,
-            )  # fmt: skip
         return _scaled(ray.radiance, value / (1.0 + ratio), segment.weight > 0)
 
     def joined(
@@ -227,7 +198,7 @@ class AimedSubpaths:
         )
         active = active & (dr.max(value) > 0)
         met = MetLamp.none()
-        count, travelled = mi.UInt32(1), FoldedWay.none()
+        count = mi.UInt32(1)
         # Without a face between, a facet is joined to a lamp in the pad (s = 1).
         late = mi.Bool(True)
         if self.lamp.light.cast_in is not None:
@@ -236,14 +207,6 @@ class AimedSubpaths:
             segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
             state, v, arrived, escaped = trace_segment(scene, state, active)
             passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
-            if self.lamp.images is not None:
-                # Images that facets are joined to are left to camera subpaths.
-                image = self.lamp.image(
-                    mi.Bool(False), facet.p, direction, travelled, begin, segment.d
-                )
-                passed &= image == NO_IMAGE
-                length = dr.norm(dr.select(arrived, v.p, state.o) - begin)
-                travelled = travelled.on(segment.d, length)
             # A subpath that comes back to the lamp is left to the camera subpath.
             met = dr.select(passed & late & (met.weight == 0), segment, met)
             going = arrived & v.delta
@@ -252,8 +215,6 @@ class AimedSubpaths:
                 state, v, mi.TransportMode.Radiance, stream.event(event + count), going
             )
             state.d_vcm, state.d_vc = mi.Float(0.0), mi.Float(0.0)
-            if self.lamp.images is not None:
-                travelled = travelled.through(v, state.d, going)
             count += 1
             active &= ~escaped & (~arrived | (going & alive)) & (count < AIMED_EVENTS)
         return met

@@ -20,9 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from render.cells.fiber_light import FiberLight
-from render.cells.lamp_images import LampImages
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.cells.mirror_images import FoldedWay
 from render.geometry import fiber_poses
 from render.paths.mirrors import KeptVertex
 from render.paths.records import PackedRecords, allocated
@@ -187,16 +185,16 @@ class CoatingTarget:
 def trace_light_subpaths(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool, lobed: bool, images: LampImages | None,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
 ) -> DrawnVertices:  # fmt: skip
     """Return drawn vertices for the ``point`` of the coating that each lane looks at.
 
     ``guiding`` is that of camera subpaths where they meet lamps and are joined to them, None where
     they do not; ``passable`` says that they pass volumes behind delta faces, ``lobed`` that the
-    skin has a lobe beside Lambert's. They are joined to ``images`` of the lamps, if there are any.
+    skin has a lobe beside Lambert's.
     """
     records = _trace(
-        scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed, images
+        scene, target, point, normal, light, fiber, stream, paths, guiding, passable, lobed
     )
     dr.eval(records)
     lanes = dr.opaque(mi.UInt32, dr.width(fiber))
@@ -211,7 +209,7 @@ def trace_light_subpaths(
 def _trace(
     scene: mi.Scene, target: CoatingTarget, point: mi.Point3f, normal: mi.Vector3f,
     light: FiberLight, fiber: mi.UInt32, stream: Stream, paths: int,
-    guiding: GuidingDistribution | None, passable: bool, lobed: bool, images: LampImages | None,
+    guiding: GuidingDistribution | None, passable: bool, lobed: bool,
 ) -> DrawnVertex:  # fmt: skip
     """Trace and draw; one loop runs all light subpaths of a lane one after the other.
 
@@ -239,7 +237,6 @@ def _trace(
     )
     fresh = dr.full(mi.Bool, True, width)  # lanes that begin a path
     first = mi.Bool(fresh)  # lanes whose path has no vertex yet
-    travelled, mirrored = FoldedWay.none(), mi.Bool(False)  # from the lamp, over mirrors alone
     from_volume = mi.Bool(False)  # lanes whose last vertex is in a volume
     active = mi.Bool(fresh)
     while active:
@@ -263,22 +260,12 @@ def _trace(
             before_wide = mi.Bool(False)
             drawn.total = mi.Float(0.0)
             first, from_volume = mi.Bool(True), mi.Bool(False)
-            travelled, mirrored = FoldedWay.none(), mi.Bool(False)
-        begin = mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
         if guiding is not None:
             # Eq. 31, at the first vertex: camera subpaths that end there are joined to the lamp.
             if arrived & first:
                 through = channel_mean(dr.exp(-state.depth))
                 v.d_vcm = v.d_vc * light.ray(fiber, v.p, d).joined / through
-            if images is not None:
-                # So are those that see the lamp over mirrors.
-                travelled = travelled.on(v.wi, dr.norm(v.p - begin))
-                if arrived & mirrored & v.diffuse & ~v.volume:
-                    later = mi.Bool(True)
-                    image = images.along(fiber, later, v.p, v.wi, travelled)
-                    v.d_vcm = images.strategies(image, fiber, later, v.p, -d, v.d_vc)
-                mirrored = (first | mirrored) & arrived & v.delta
             first = first & ~arrived
             # Camera subpaths that come by go on as they are guided. Whatever the direction that
             # they come from, a diffuse surface sends as many of them towards its predecessor; with
@@ -311,8 +298,6 @@ def _trace(
             arrived,
             returning=guiding if lobed else None,
         )
-        if images is not None:
-            travelled = travelled.through(v, state.d, arrived & v.delta)
         event += 1
         cut = event >= path * LIGHT_EVENTS + RESERVOIR_EVENT
         fresh = active & (escaped | (arrived & ~alive) | cut)

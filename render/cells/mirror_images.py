@@ -70,37 +70,6 @@ class FoldedLine:
     chosen: mi.Float
 
 
-@dataclass
-class FoldedWay:
-    """How light came over mirrors since a vertex (a Dr.Jit PyTree).
-
-    It went ``across`` mm along x and y; faces across z reflected it ``levels`` times, and it passed
-    the bond of pad and window ``bonds`` times.
-    """
-
-    across: mi.Float
-    levels: mi.UInt32
-    bonds: mi.UInt32
-
-    @staticmethod
-    def none() -> FoldedWay:
-        """Return the way of light at the vertex."""
-        return FoldedWay(mi.Float(0.0), mi.UInt32(0), mi.UInt32(0))
-
-    def on(self, d: mi.Vector3f, length: mi.Float) -> FoldedWay:
-        """Return the way after ``length`` mm more along ``d``."""
-        return FoldedWay(self.across + length * dr.hypot(d.x, d.y), self.levels, self.bonds)
-
-    def through(self, v: Vertex, d: mi.Vector3f, met: mi.Bool) -> FoldedWay:
-        """Return the way of light that leaves ``v`` along ``d`` where it has ``met`` that."""
-        level = met & (dr.abs(v.n.z) > 0.5)
-        passed = dr.dot(v.n, d) * dr.dot(v.n, v.wi) < 0
-        levels = self.levels + dr.select(level & ~passed, mi.UInt32(1), 0)
-        return FoldedWay(
-            self.across, levels, self.bonds + dr.select(level & passed, mi.UInt32(1), 0)
-        )
-
-
 def mirror_faces(scene: Scene) -> NDArray[np.bool_]:
     """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air, and metal."""
     boundary = scene.pad.index != 1.0
@@ -223,20 +192,6 @@ class MirrorImages(ABC):
             return reflected
         metal = dr.gather(mi.Float, self.metal, plane)
         return dr.select(metal < 0, reflected, metal)
-
-    def met(
-        self, v: Vertex, direction: mi.Vector3f
-    ) -> tuple[mi.Bool, mi.Float, mi.Float, mi.Vector3f]:
-        """Return whether ``v`` lies in a mirror, and what becomes there of a ``direction`` to it.
-
-        That is as in `met_at`, and the direction after it.
-        """
-        mirror = self._mirror(v)
-        return (
-            mirror > 0,
-            *self.met_at(self._plane(mirror), dr.dot(v.n, direction), self.index_at(v.p)),
-            self.folded(mirror, direction),
-        )
 
     def met_at(
         self, plane: mi.UInt32, cosine: mi.Float, index: mi.Float | None = None

@@ -1,7 +1,9 @@
 """The reference, level 2: transport tables and pictures with error bars."""
 
+from render.cells.choose_sampler import check_rendered
 from render.reference.allocation import EVERYTHING, PRESSED, SampleAllocation
-from render.reference.budget import TimeBudget, render_within, samples_per_pass, stored_plan
+from render.reference.budget import TimeBudget, render_within, stored_plan
+from render.reference.choose_samples import samples_of_full_pass, samples_per_pass
 from render.reference.convergence import converged, doubt, more_effort, more_samples
 from render.reference.cost import RenderCost, growing_cost, trial_cost
 from render.reference.job import RenderJob, RenderResult, Sampler, pad_cells, run_job
@@ -11,7 +13,6 @@ from render.reference.transport import (
     JobRunner,
     TransportEstimate,
     render_transport,
-    samples_of_full_pass,
     transport_estimate,
     transport_jobs,
 )

@@ -22,15 +22,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from render.files import read_json, read_or_drop, write_json, write_npz
 from render.progress import OnProgress, Progress
 from render.reference.job import RenderJob, RenderResult, run_job
-from render.reference.transport import samples_of_full_pass
-from render.scene import Scene
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-PASS_DIVISORS = ((16.0, 1), (4.0, 4), (0.0, 16))
-"""Seconds per job from which a pass is a full one, or a part of it: passes of 16384 paths last up
-to a second, and a time is filled only as finely as the passes of all jobs together."""
 ROUND_FRACTION = 0.6
 """Part of the remaining time that a round plans to use, while it is not the last one."""
 LAST_UNITS = 4.0
@@ -106,12 +101,6 @@ class TimeBudget:
         """Return how far it is: of work that fills its time, the clock says that."""
         spent, left = self.spent(), max(self.left(), 0.0)
         return Progress(min(spent, self.seconds), self.seconds, spent, left)
-
-
-def samples_per_pass(scene: Scene, seconds: float, jobs: int) -> int:
-    """Return samples per cell and pass, few enough that ``jobs`` fill ``seconds`` finely."""
-    divisor = next(part for least, part in PASS_DIVISORS if max(seconds, 0.0) >= least * jobs)
-    return max(1, samples_of_full_pass(scene) // divisor)
 
 
 def no_reserve() -> float:

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from render.arrays import Array
+from render.cells.choose_sampler import STRATA, serves_all_lamps
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites, facet_masks, in_state
 from render.reference.llvm import VARIANT, mitsuba
-from render.reference.shared_lamps import STRATA, serves_all_lamps
 from render.scene import Scene, scene_content, scene_of
 from render.steady_registry import steady_registry
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
     from render.sampling.pssmlt import MarkovChains
 
-VERSION = 19
+VERSION = 20
 SHARED_VERSION = 4
-"""Of renders of all lamps at once (``render.reference.shared_lamps``)."""
+"""Of renders of all lamps at once (``render.cells.choose_sampler``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]
 P_LARGE = 0.5
 """Probability of large steps where chains fill the cells."""

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.cells.choose_sampler import check_rendered
 from render.errors import RenderError
 from render.geometry import HeightMap, Imprint, camera_rays, in_state, refract_into_pad
 from render.geometry.meshes import imprinted_coating, pad_meshes
@@ -114,6 +115,7 @@ def render_image(
             "that (render.geometry.in_state)",
             field="imprint",
         )
+    check_rendered(scene, [bend])
     scene, bend = in_state(scene, bend)
     mitsuba(VARIANT)
     from render.cells.cell_sampler import PictureSampler

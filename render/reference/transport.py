@@ -9,7 +9,6 @@ cheapest, and the default.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,20 +26,19 @@ from render.arguments import (
     as_whole,
 )
 from render.arrays import Array
+from render.cells.choose_sampler import check_rendered, serves_all_lamps
 from render.errors import RenderError
 from render.files import read_or_drop, write_npz
 from render.geometry import check_seen, counted_sites, in_state, is_mirror_symmetric, mirror_image
 from render.progress import Clock, OnProgress
 from render.reference.allocation import EVERYTHING, PadShares, SampleAllocation, pad_shares
+from render.reference.choose_samples import lamp_by_lamp_shape, shared_shape
 from render.reference.convergence import doubt
 from render.reference.error_bars import CellErrors, standard_error, with_lone_contributions
-from render.reference.job import CHUNK, VERSION, RenderJob, RenderResult, Sampler, run_job
+from render.reference.job import VERSION, RenderJob, RenderResult, Sampler, run_job
 from render.reference.llvm import VARIANT
-from render.reference.shared_lamps import serves_all_lamps, shared_shape
 from render.scene import Scene, as_scene, scene_content
 
-MIN_CHAINS, MAX_CHAINS = 64, 16384
-MIN_ITERATIONS = 24
 UNTOUCHED_SAMPLES = 2
 """Samples of a cell of the untouched pad, in units of those of a facet: there are few cells."""
 
@@ -191,6 +189,7 @@ def transport_jobs(
         as_whole(per_pass, "per_pass", RenderError, least=1)
     as_kind(allocation, SampleAllocation, "allocation", "a SampleAllocation", RenderError)
     phi, bends = _validated(scene, phi, bends, samples, seeds)
+    check_rendered(scene, bends)
     check_seen(scene, bends)
     # One sample serves all facets of a site.
     pairs = len(counted_sites(scene)) * phi.shape[0]
@@ -211,7 +210,7 @@ def transport_jobs(
                 chains, iterations = shared_shape(scene, count, replicates, each, indented=indented)
                 slots = None
             else:
-                chains, iterations = _shape(count, pairs, sampler, per_pass, effort)
+                chains, iterations = lamp_by_lamp_shape(count, pairs, sampler, per_pass, effort)
             jobs.append(
                 RenderJob.of(
                     of_albedo,
@@ -316,11 +315,6 @@ def _one_albedo_estimate(
     )
 
 
-def samples_of_full_pass(scene: Scene) -> int:
-    """Return the samples per cell that fill one pass of MAX_CHAINS paths."""
-    return max(1, MAX_CHAINS // (len(counted_sites(scene)) * scene.lamp_count))
-
-
 def samples_of_cells(jobs: Sequence[RenderJob], bends: Sequence[float]) -> Array | None:
     """Return what the cells of the pressed pads got, ``(fiber, 1, bend, site, 1)``, mean 1.
 
@@ -337,29 +331,6 @@ def samples_of_cells(jobs: Sequence[RenderJob], bends: Sequence[float]) -> Array
     effort = np.array([pads[bend].samples for bend in bends])
     each = slots / slots.sum(axis=(1, 2), keepdims=True) * effort[:, None, None]
     return np.asarray((each / each.mean()).transpose(2, 0, 1)[:, None, :, :, None])
-
-
-def _shape(
-    count: int, pairs: int, sampler: Sampler, per_pass: int | None, effort: float
-) -> tuple[int, int]:
-    """Return chains and iterations for about ``effort * count`` samples of each of ``pairs``.
-
-    Every pass is traced anew, which takes as long as thousands of paths: independent paths take
-    the fewest passes. Chains need their passes, to move away from where they started.
-    """
-    total = effort * count * pairs
-    if sampler == "monte-carlo":
-        if per_pass is None:
-            passes = math.ceil(total / MAX_CHAINS)
-        else:
-            passes = math.ceil(count / per_pass)
-            if effort > 1.0:  # several passes where one would be too large, by more than a half
-                passes *= max(1, round(total / passes / MAX_CHAINS))
-        return MIN_CHAINS * max(1, round(total / passes / MIN_CHAINS)), passes
-    chains = MAX_CHAINS
-    while chains > MIN_CHAINS and total < MIN_ITERATIONS * chains:
-        chains //= 2
-    return chains, CHUNK * max(1, round(total / chains / CHUNK))
 
 
 def _validated(

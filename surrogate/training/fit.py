@@ -18,6 +18,7 @@ from render.progress import OnProgress
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.runtime.metadata import NONE, PREVIEW
+from surrogate.training.choose_residual import fit_ensembles, train_networks, train_ridge
 from surrogate.training.conformal import (
     Comparison,
     Coverage,
@@ -28,7 +29,6 @@ from surrogate.training.conformal import (
     coverage,
     fit_spread,
 )
-from surrogate.training.ensembles import fit_ensembles, train_networks, train_ridge
 from surrogate.training.evaluation import HeldOutEvaluation, LevelErrors
 from surrogate.training.fit_task import FitTask, Split, out_of_fold
 from surrogate.training.mlp import one_thread

@@ -11,8 +11,8 @@ import torch
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.runtime.metadata import NONE
+from surrogate.training.choose_residual import fit_ensembles
 from surrogate.training.dataset import TrainingCells, build_rows, training_cells
-from surrogate.training.ensembles import fit_ensembles
 from surrogate.training.fit import fit_residual
 from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.halves import borne_out, mean_gains

@@ -1,17 +1,17 @@
-"""Which pads are rendered for all lamps at once, and in how many passes."""
+"""Which pads are rendered for all lamps at once, and which are refused."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from render.cells.choose_sampler import check_rendered, serves_all_lamps
+from render.errors import RenderError
 from render.reference import pad_cells, transport_jobs
-from render.reference.shared_lamps import STRATA, serves_all_lamps, shared_shape
 from render.scene import Scene, load_scene
-from tests.oracles.pads import BELOW_THE_PAD, CASES, painted, rough, scene_of_case, window
+from tests.oracles.pads import BELOW_THE_PAD, CASES, CAST_IN, painted, rough, scene_of_case, window
 
 
 def case(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Scene:
@@ -35,27 +35,29 @@ def test_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not serves_all_lamps(load_scene("finger20"), 0.0)
 
 
-def test_replicates_have_the_same_samples_and_passes_the_same_paths() -> None:
-    scene = scene_of_case("smooth")
-    for samples in (1, 100, 5000, 400_000):
-        lanes, passes = shared_shape(scene, samples, 8, None, indented=True)
-        assert lanes % 8 == 0
-        wanted = max(samples, STRATA * 8)
-        assert STRATA * lanes * passes == pytest.approx(wanted, rel=0.35)
-    lanes, passes = shared_shape(scene, 7 * 96, 8, 96, indented=True)
-    assert (lanes, passes) == (24, 7)
+REFUSED = (
+    "cast in index 1.7", "cast in between mirrors", "cast in over a window between mirrors",
+    "cast into a window between mirrors", "cast in beside a clear rim index 1.7",
+)  # fmt: skip
 
 
-def test_a_render_of_more_passes_goes_on_from_one_of_fewer_and_has_a_key_of_its_own() -> None:
-    scene = scene_of_case("smooth")
-    phi, bends = np.array([1.2]), np.zeros(1)
-    few, many = (
-        transport_jobs(scene, phi, bends, samples=n * 64, per_pass=64, seeds=(1,)) for n in (1, 3)
-    )
-    for one, other in zip(few, many, strict=True):
-        assert one.chains == other.chains
-        assert other.iterations == 3 * one.iterations
-    assert few[0].key != replace(few[0], sampler="pssmlt").key
+@pytest.mark.parametrize("name", REFUSED)
+def test_lamps_whose_light_is_trapped_between_walls_are_refused_by_name(name: str) -> None:
+    scene = scene_of_case(name)
+    with pytest.raises(RenderError, match=r"level 2 does not render .* walls .*allowed:"):
+        check_rendered(scene, [0.0])
+    with pytest.raises(RenderError, match="does not render"):
+        transport_jobs(scene, np.array([1.2]), np.zeros(1), samples=8, seeds=(1,))
+
+
+def test_lamps_whose_light_leaves_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("cast in", "cast in rough 0.1", "cast into a rim rough 0.1", "cast in bent 45",
+                 "cast in, black and mirror walls", "index 1.7"):  # fmt: skip
+        scene = scene_of_case(name)
+        check_rendered(scene, scene.bending.angles)
+    one_black = [painted("black", "left")]
+    check_rendered(case(monkeypatch, **CAST_IN, pad_index=(1.7,), faces=one_black), [0.0])
+    check_rendered(scene_of_case("cast in index 1.7"), [0.5])
 
 
 def test_markov_chains_stay_with_one_lamp_at_a_time(mono: ModuleType) -> None:

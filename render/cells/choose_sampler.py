@@ -1,0 +1,79 @@
+"""Which estimator renders the cells of a pad, and which pads none does.
+
+Chosen before Mitsuba is loaded, so that renders can be planned and refused without it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from render.errors import RenderError
+from render.geometry import in_state
+from render.scene import FACES, Finish, Scene
+
+STRATA = 4
+"""Camera subpaths of a facet in one sample, each from its own part of the facet's pixels."""
+TRAPPED_INDEX = math.sqrt(2.0)
+"""Index above which light along the coating is reflected totally by walls at right angles."""
+FACING = (("left", "right"), ("base", "tip"))
+
+
+def serves_all_lamps(scene: Scene, bend: float) -> bool:
+    """Return whether one sample serves all lamps (``render.cells.clear.clear_cells``).
+
+    That is on flat clear pads of smooth or painted faces with lamps in the air; ``bend`` in rad.
+    Others are rendered lamp by lamp (``render.cells.cell_sampler``).
+    """
+    layer = scene.diffuser
+    clear = layer is None or layer.sigma_s + layer.sigma_a == 0.0
+    smooth = all(finish.smooth or finish.paint is not None for finish in scene.finishes)
+    boundary = scene.pad.index != 1.0
+    pad = clear and smooth and boundary and scene.coating.lobe is None
+    return bend == 0.0 and pad and not _cast_in(scene)
+
+
+def check_rendered(scene: Scene, bends: Iterable[float]) -> None:
+    """Refuse a sensor that no estimator renders with error bars that hold at all ``bends``.
+
+    These are in rad, or numbers of its states. On a flat pad walls that face each other show a
+    lamp in the silicone over and over where they are metal, or where total reflection traps its
+    light. Paths that meet far images are too rare to be known.
+
+    Raises:
+        RenderError: names the walls, and what could be rendered.
+    """
+    if not _cast_in(scene) or all(in_state(scene, bend)[1] for bend in bends):
+        return
+    solids = {lamp.solid for lamp in scene.placed_lamps()} - {None}
+    # Along the faces light keeps what its own medium gave it.
+    index = scene.pad.index
+    if scene.window is not None and "window" in solids:
+        index = scene.window.index if solids == {"window"} else max(index, scene.window.index)
+    trapped = index > TRAPPED_INDEX and all(_mirrors(scene, pair) for pair in FACING)
+    for pair in FACING:
+        metal = all(_finish(scene, face).metal is not None for face in pair)
+        if metal or trapped:
+            walls = " and ".join(pair if metal else [face for both in FACING for face in both])
+            raise RenderError(
+                f"level 2 does not render lamps cast into silicone between the smooth walls {walls}"
+                f"{'' if metal else f' of index {index:g}'}: light goes on between them, beyond "
+                "what samples can know; allowed: a roughness or black paint on one of them "
+                f"([[faces]]), {'' if metal else 'an index of at most 1.41, '}or lamps outside; "
+                "explore works without renders",
+                field="faces",
+            )
+
+
+def _cast_in(scene: Scene) -> bool:
+    return any(lamp.solid for lamp in scene.placed_lamps())
+
+
+def _finish(scene: Scene, face: str) -> Finish:
+    return scene.finishes[FACES.index(face)]
+
+
+def _mirrors(scene: Scene, pair: tuple[str, str]) -> bool:
+    """Return whether both faces reflect like mirrors: smooth boundaries to the air, or metal."""
+    finishes = [_finish(scene, face) for face in pair]
+    return all(finish.smooth or finish.metal is not None for finish in finishes)
