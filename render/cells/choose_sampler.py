@@ -45,24 +45,36 @@ def check_rendered(scene: Scene, bends: Iterable[float]) -> None:
     """
     if not _cast_in(scene) or all(in_state(scene, bend)[1] for bend in bends):
         return
+    walls = _trapping_walls(scene)
+    if walls:
+        raise RenderError(
+            f"level 2 does not render lamps cast into silicone between {walls}: light goes to and "
+            "fro between them, beyond what samples can know; allowed: a roughness or black paint "
+            "on one of them, or lamps outside; explore works without renders",
+            field="faces",
+        )
+
+
+def _trapping_walls(scene: Scene) -> str:
+    """Return in words which faces show a lamp in the silicone over and over, "" for none."""
+    metal, smooth = (
+        [" and ".join(pair) for pair in FACING if all(like(_finish(scene, face)) for face in pair)]
+        for like in (lambda finish: finish.metal is not None, _is_mirror)
+    )
+    if metal:
+        return f"the mirrors {metal[0]}"
     solids = {lamp.solid for lamp in scene.placed_lamps()} - {None}
     # Along the faces light keeps what its own medium gave it.
     index = scene.pad.index
     if scene.window is not None and "window" in solids:
         index = scene.window.index if solids == {"window"} else max(index, scene.window.index)
-    trapped = index > TRAPPED_INDEX and all(_mirrors(scene, pair) for pair in FACING)
-    for pair in FACING:
-        metal = all(_finish(scene, face).metal is not None for face in pair)
-        if metal or trapped:
-            walls = " and ".join(pair if metal else [face for both in FACING for face in both])
-            raise RenderError(
-                f"level 2 does not render lamps cast into silicone between the smooth walls {walls}"
-                f"{'' if metal else f' of index {index:g}'}: light goes on between them, beyond "
-                "what samples can know; allowed: a roughness or black paint on one of them "
-                f"([[faces]]), {'' if metal else 'an index of at most 1.41, '}or lamps outside; "
-                "explore works without renders",
-                field="faces",
-            )
+    if smooth and index > TRAPPED_INDEX:
+        return f"{smooth[0]}, smooth and of index {index:g} (up to 1.41 they let it go)"
+    layer = scene.diffuser
+    strip = layer is not None and layer.sigma_s == 0.0 and scene.box.layered.any()
+    if strip and scene.pad.roughness == 0.0 and _is_mirror(_finish(scene, "lower")):
+        return "the smooth upper and lower faces of a clear layer (diffuser.sigma_s = 0)"
+    return ""
 
 
 def _cast_in(scene: Scene) -> bool:
@@ -73,7 +85,6 @@ def _finish(scene: Scene, face: str) -> Finish:
     return scene.finishes[FACES.index(face)]
 
 
-def _mirrors(scene: Scene, pair: tuple[str, str]) -> bool:
-    """Return whether both faces reflect like mirrors: smooth boundaries to the air, or metal."""
-    finishes = [_finish(scene, face) for face in pair]
-    return all(finish.smooth or finish.metal is not None for finish in finishes)
+def _is_mirror(finish: Finish) -> bool:
+    """Return whether a face reflects like a mirror: a smooth boundary to the air, or metal."""
+    return finish.smooth or finish.metal is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+from importlib import resources
 from typing import Any
 
 from render.scene import Scene
@@ -27,6 +29,7 @@ from tests.oracles.pad_parts import (
     window,
 )
 from tests.oracles.random_pads import mixed_case, random_case
+from tests.oracles.random_scenes import random_content
 
 CASES: dict[str, dict[str, Any]] = {
     "smooth": {},
@@ -316,6 +319,12 @@ CASES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
+REFUSED = (
+    "cast in index 1.7", "cast in between mirrors", "cast in over a window between mirrors",
+    "cast into a window between mirrors", "cast in beside a clear rim index 1.7",
+    "cast into a clear rim", "window beside a rough base", "mixed 6", "mixed 18", "mixed 22",
+)  # fmt: skip
+"""Pads whose lamps in the silicone are seen over and over: level 2 refuses them."""
 SKINS = {"dome": "dome", "arch": "arch", "mesh": "mesh"}
 """A case of each shape that a skin may have."""
 
@@ -323,7 +332,8 @@ SKINS = {"dome": "dome", "arch": "arch", "mesh": "mesh"}
 def scene_of_case(case: str) -> Scene:
     """Return the scene of a case: the base with its changes.
 
-    ``random N`` and ``mixed N`` are one of many (`tests.oracles.random_pads`).
+    ``random N`` and ``mixed N`` are one of many pads (`tests.oracles.random_pads`), ``sensor N`` of
+    many sensors (`tests.oracles.random_scenes`), ``shipped NAME`` is a shipped scene.
     """
     return Scene.model_validate(content_of_case(case))
 
@@ -331,6 +341,10 @@ def scene_of_case(case: str) -> Scene:
 def content_of_case(case: str) -> dict[str, Any]:
     """Return what the scene file of a case would hold."""
     kind, _, number = case.partition(" ")
+    if kind == "shipped":
+        return tomllib.loads((resources.files("render") / "scenes" / f"{number}.toml").read_text())
+    if kind == "sensor":
+        return dict(random_content(int(number)))
     drawn = {"random": random_case, "mixed": mixed_case}.get(kind)
     changes = CASES[case] if drawn is None else drawn(int(number))
     content: dict[str, Any] = {part: dict(values) for part, values in BASE.items()}

@@ -20,7 +20,7 @@ from render.reference import render_transport
 from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene
 from tests.oracles.kept_photons import PHI, WHOLE, analog, photons_kept, traced
-from tests.oracles.pads import scene_of_case
+from tests.oracles.pads import REFUSED, scene_of_case
 from tests.validation.film import not_too_many
 
 SAMPLES = 4000 if LONG else 400
@@ -33,11 +33,13 @@ FAST = (
     "row nearer than wide", "lobe", "lobe rough 0.1", "lobe of a dome", "cast in",
     "cast into a rim rough 0.1", "mixed 5", "mixed 20", "window lit at its edges",
     "window of low index under the lamps", "window with white walls",
-    "window beside a rough base",
 )  # fmt: skip
 
 BENT = "smooth bent 45"
 """A pad whose dimmest facets have bars that are too short."""
+
+
+RENDERED = [case for case in WHOLE if case != BENT and case not in REFUSED]
 
 
 class Comparison(NamedTuple):
@@ -123,7 +125,7 @@ def compared(case: str, samples: int = SAMPLES, photons: int | None = None) -> l
     return found
 
 
-@pytest.mark.parametrize("case", [case for case in WHOLE if case != BENT] if LONG else FAST)
+@pytest.mark.parametrize("case", RENDERED if LONG else FAST)
 def test_facets_and_sites_are_as_bright_as_analog_photons_say(case: str) -> None:
     for result in compared(case):
         assert abs(result.ratio - 1) < 3.5 * result.error + 0.002
@@ -160,25 +162,6 @@ def test_a_rough_wall_lights_facets_over_smooth_faces() -> None:
     error = np.hypot(stats.sem(found), stats.sem(truth))
     assert error < 0.05 * truth.mean()
     assert found.mean() == pytest.approx(truth.mean(), abs=3.5 * error + 0.02 * truth.mean())
-
-
-def test_walls_that_reflect_all_light_show_a_lamp_in_the_pad_over_and_over() -> None:
-    """Facets turned away from a lamp get a third of its light over two and more walls.
-
-    Without absorption the sum over images falls off like a logarithm: a few percent come over more
-    than 40 walls.
-    """
-    case = "cast in index 1.7"
-    scene = scene_of_case(case)
-    estimate = render_transport(scene, np.array([PHI]), np.zeros(1), samples=1500, replicates=16)
-    shape = (16, 2, scene.sites.count, scene.indenter.faces)
-    found = estimate.replicates.reshape(shape).sum(axis=2)
-    truth = photons_kept(case, pressed=True).reshape(shape).sum(axis=2)
-    error = np.hypot(stats.sem(found), stats.sem(truth))
-    ratio = found.mean(axis=0) / truth.mean(axis=0)
-    assert (error < 0.08 * truth.mean(axis=0)).all()
-    assert (np.abs(ratio - 1.0) < 3.5 * error / truth.mean(axis=0)).all()
-    assert ratio.mean() == pytest.approx(1.0, abs=0.02)
 
 
 def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
