@@ -58,7 +58,7 @@ def test_lamps_whose_light_leaves_are_not(monkeypatch: pytest.MonkeyPatch) -> No
                  "cast in, black and mirror walls", "index 1.7"):  # fmt: skip
         scene = scene_of_case(name)
         check_rendered(scene, scene.bending.angles)
-    one_black = [painted("black", "left")]
+    one_black = [painted("black", "left", "tip")]
     check_rendered(case(monkeypatch, **CAST_IN, pad_index=(1.7,), faces=one_black), [0.0])
     check_rendered(scene_of_case("cast in index 1.7"), [0.5])
 
