@@ -31,10 +31,18 @@ KEPT = Path(__file__).parent / "photons"
 PHI = 1.2
 """Direction of the lamps that turn, rad."""
 WHOLE = (*CASES, *(f"{kind} {number}" for kind in ("random", "mixed") for number in range(24)))
-"""All cases that have photons."""
+"""All pads that have photons."""
+SENSORS = (
+    *(f"shipped {name}" for name in ("digit", "digit-dome", "finger20", "finger24",
+                                     "gelsight-flat", "gelsight-mini")),
+    *(f"sensor {number}" for number in (2, 4, 6, 10, 13, 19, 20)),
+)  # fmt: skip
+"""Whole sensors that have them: of many lamps."""
 BATCHES = 16
 PILOT, LEAST, MOST = 200_000, 4_000_000, 64_000_000
 """Photons of a lamp that say how many are needed, and the bounds of that."""
+OF_A_SENSOR = 2_000_000
+"""Photons of each of a sensor's many lamps."""
 ERROR, ERROR_WHERE_CHEAP = 0.02, 0.0125
 """Relative error of a cell in the median that photons aim at, and among planes without milk."""
 
@@ -98,6 +106,7 @@ def keep(case: str) -> None:
         pilot = traced(pad, PILOT)
         needed = PILOT * (median_error(pilot) / error) ** 2
         photons = int(np.clip(np.ceil(needed / 1e6) * 1e6, LEAST, MOST))
+        photons = OF_A_SENSOR if case in SENSORS else photons
         cells[name] = traced(pad, photons).astype(np.float32)
         counts.append(photons)
         print(
@@ -138,7 +147,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("cases", nargs="*", metavar="CASE")
     chosen = parser.parse_args()
-    for case in chosen.cases or [case for case in WHOLE if _read(case) is None]:
+    for case in chosen.cases or [case for case in (*WHOLE, *SENSORS) if _read(case) is None]:
         keep(case)
 
 
