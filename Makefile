@@ -1,7 +1,8 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
 VALIDATIONS := $(basename $(notdir $(wildcard tests/validation/test_*.py)))
-.PHONY: help explore verify train test unit slow docs validation validation-long benchmark lint format check-format types clean $(VALIDATIONS)
+.PHONY: help explore verify train test unit slow docs validation validation-long scoreboard \
+	scoreboard-long benchmark lint format check-format types clean $(VALIDATIONS)
 
 SCENE ?= finger20
 DESIGN ?= $(error name the design, for example: make verify DESIGN=runs/finger20-explore/design.json)
@@ -80,6 +81,14 @@ $(LONG)/%.txt: $(LONG)/%.passed
 .PRECIOUS: $(LONG)/%.passed
 $(LONG)/%.passed: $(CODE) $(FULL)
 	@mkdir -p $(LONG); rm -f $(@:.passed=.txt.part); : > $@
+
+scoreboard scoreboard-long: export OMP_NUM_THREADS = 1
+scoreboard: $(FULL) ## Every level on some scenes against photons, and against what is on record
+	$(BIN)/python -m tests.validation.scoreboard
+
+scoreboard-long: export TACTILUX_LONG = 1
+scoreboard-long: $(FULL) ## All scenes with more samples (hours), goes on where it stopped
+	$(BIN)/python -m tests.validation.scoreboard
 
 benchmark: $(FULL) ## The bounds on speed, alone on the machine, as ratios
 	$(BIN)/python -m pytest --capture no tests/benchmarks

@@ -315,7 +315,8 @@ def read_npz(path: Path, *, sealed: bool = False) -> dict[str, np.ndarray]:
             if any(_promised(archive, member) > member.file_size for member in archive.infolist()):
                 raise ValueError("more numbers than bytes")
         if (seal or sealed) and seal != _seal_of(path, len(seal)):
-            raise TableError(f"{path} is damaged: it is not as it was written", field="table")
+            why = "is damaged: it is not as it was written" if seal else "is of an earlier version"
+            raise TableError(f"{path} {why}", field="table")
         with np.load(path, allow_pickle=False) as stored:
             return {name: np.asarray(stored[name]) for name in stored.files}
     except FileNotFoundError:

@@ -28,7 +28,11 @@ MOST_BYTES = 64 * MEGABYTE
 COMMON, RARE, USUAL = 20.0, 10.0, 5.0
 """How many times larger or smaller than the pad a body may be in mm, in other units, and without a
 word of other units."""
-_REMARK = re.compile(r"(?im)^(?:\s*(?:#|comment|obj_info)|solid).*\bunits?\b\W*([a-z]+)")
+_REMARK = re.compile(
+    r"(?im)^(?:\s*(?:#|comment|obj_info)|solid).*\bunits?\b[^\w\n]*"
+    # "units in mm" are no inches, "units: in" are.
+    r"(?:(?:are|is|of|in(?=[^\w\n]+[a-z]))[^\w\n]+)*([a-z]+)"
+)
 
 
 def read_mesh(path: Path) -> tuple[trimesh.Trimesh, Unit | None]:

@@ -30,7 +30,8 @@ def steady_registry() -> Iterator[None]:
     """
     global _depth
     with _lock:
-        # Unlike a collector that is off, this also holds where someone calls it by hand.
+        # Unlike a collector that is off, this also holds where someone calls it by hand. Nested,
+        # it holds for what has become garbage since.
         gc.freeze()
         _depth += 1
     try:

@@ -27,6 +27,7 @@ from truth.comparison import (
 )
 
 import tactilux
+from render.scene import unchecked
 
 FULL, CROP, PIXEL = (2592, 1944), 600, math.tan(math.radians(53.3) / 2) * 41.05 / 1296
 """Pixels of the whole picture, of the side of a photograph, and mm to a pixel on the skin."""
@@ -57,12 +58,10 @@ def wrong(scene: tactilux.Scene, turn: float, sign: float) -> tactilux.Scene:
         return tuple(float(v) for v in matrix @ vector)
 
     lamps = [
-        lamp.model_copy(
-            update={"position": moved(lamp.position), "direction": moved(lamp.direction)}
-        )
+        unchecked(lamp, {"position": moved(lamp.position), "direction": moved(lamp.direction)})
         for lamp in scene.lamps
     ]
-    return scene.model_copy(update={"lamps": tuple(lamps)})
+    return unchecked(scene, {"lamps": tuple(lamps)})
 
 
 def side(name: str, number: int) -> tuple[Array, Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import tactilux
+from render.scene import unchecked
 
 Array = NDArray[np.float64]
 Light = Callable[[tactilux.Scene], tuple[Array, Array]]
@@ -78,8 +79,8 @@ def by_color(scene: tactilux.Scene, values: Array) -> Array:
 
 def touched(scene: tactilux.Scene, sites: dict[str, float], **indenter: float) -> tactilux.Scene:
     """Return the scene with other keys in ``[sites]`` and ``[indenter]``."""
-    parts = {"sites": scene.sites.model_copy(update=sites)}
-    return scene.model_copy(update=parts | {"indenter": scene.indenter.model_copy(update=indenter)})
+    parts = {"sites": unchecked(scene.sites, sites)}
+    return unchecked(scene, parts | {"indenter": unchecked(scene.indenter, indenter)})
 
 
 def places(scene: tactilux.Scene) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ from truth.comparison import (
 )
 
 import tactilux
+from render.scene import unchecked
 
 DEVICES = ("gsmax_26D1_P5LX", "series1_1587_M6G0", "series2_2EF6_4JNW", "modulus1690_4E07_XNJU")
 """The fifth, modulus1600, is left out: its lights stand in no ring, its fields are swirled."""
@@ -146,11 +147,11 @@ class Ring:
             place, beam = self.lamp(number)
             place[2] += flat.pad.thickness
             changed = {"position": tuple(place.tolist()), "direction": tuple(beam.tolist())}
-            lamps.append(flat.lamps[0].model_copy(update=changed | {"diameter": 1.0}))
+            lamps.append(unchecked(flat.lamps[0], changed | {"diameter": 1.0}))
         half = max(np.ptp(device.x), np.ptp(device.y)) / 2
         sites = {"columns": 6, "rows": 6, "spacing": half / 2.5, "centre_x": 0.0, "centre_y": 0.0}
         scene = touched(flat, sites, radius=0.12 * half, slope=math.radians(20.0))
-        return scene.model_copy(update={"lamps": tuple(lamps)})
+        return unchecked(scene, {"lamps": tuple(lamps)})
 
 
 def _where(device: Device) -> tuple[float, float]:

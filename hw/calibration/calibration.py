@@ -81,10 +81,10 @@ def calibrate_sets(
     checker = open_model(scene, model)
     for bend, photos in zip(sweeps.bends.tolist(), sweeps.by_bend, strict=True):
         fibers = sorted(photos.alone)
-        # All LEDs of a fiber were lit; brightness alone says which way up it was seen.
-        light = predict(
-            checker, lighting.phi, np.ones(lighting.drive.shape), bend, scene.palette.matrix
-        ).alone[fibers]
+        # All LEDs of a fiber were lit; brightness alone says which way up it was seen, and shares
+        # of it are the same at a power that no channel exceeds.
+        lit = np.full(lighting.drive.shape, 1.0 / max(1.0, scene.palette.matrix.sum(axis=0).max()))
+        light = predict(checker, lighting.phi, lit, bend, scene.palette.matrix).alone[fibers]
         seen = np.stack([photos.alone[fiber] for fiber in fibers])
         check_orientation(light, seen, SiteSpots(scene, bend))
     with ProgressBar("Drawing materials") as bar:

@@ -94,6 +94,7 @@ def _pile(values: Pixels, end: float) -> NDArray[np.bool_]:
 
     Above the end of an unbroken distribution lies more than just below it, cut off into one value.
     """
+    end = float(end)  # steps below 0 wrap round in the pixels' own type
     at_end = values == end
     below = (1 - PILE_WIDTH) * end
     if values.dtype.kind == "u":

@@ -175,7 +175,8 @@ def _check_form(image: Any, channels: int) -> None:
 def _upright(image: Any, content: bytes) -> Pixels:
     """Return the pixels of Pillow's ``image``, with all bits that ``content`` has."""
     # Of 16 bits in each of several channels Pillow drops eight without a word.
-    if image.mode in ("RGB", "RGBA") and any(";16" in str(tile) for tile in image.tile):
+    decoded = image.mode in ("RGB", "RGBA") and any(";16" in str(tile) for tile in image.tile)
+    if decoded:
         import cv2
 
         pixels = np.asarray(
@@ -194,7 +195,9 @@ def _upright(image: Any, content: bytes) -> Pixels:
         if (pixels[..., -1] != np.iinfo(pixels.dtype).max).any():
             raise ValueError("it is transparent in places")
         pixels = pixels[..., 0] if image.mode == "LA" else pixels[..., :-1]
-    turn = TURNS.get(image.getexif().get(ORIENTATION, 1))
+    # OpenCV has turned a TIFF already.
+    turned = decoded and image.format == "TIFF"
+    turn = None if turned else TURNS.get(image.getexif().get(ORIENTATION, 1))
     return pixels if turn is None else turn(pixels)
 
 

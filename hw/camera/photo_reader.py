@@ -7,7 +7,7 @@ describes it.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -53,6 +53,8 @@ class PhotoReader:
     lens: Path | None = None
     full_scale: float | None = None
     gamma: float = 1.0
+    _found: dict[float, Path] = field(default_factory=dict, repr=False, compare=False)
+    """Full scales that were found so far, and where."""
 
     @cached_property
     def _dewarp(self) -> Dewarp | None:
@@ -136,6 +138,17 @@ class PhotoReader:
             )
         return named
 
+    def _agree(self, scale: float, path: Path) -> None:
+        """Refuse photographs of one camera whose full scales were found to differ."""
+        self._found.setdefault(scale, path)
+        if len(self._found) > 1:
+            places = " and ".join(f"{at} for {one:g}" for one, at in self._found.items())
+            raise CaptureError(
+                f"the full scale could be taken for different ones, {places}, allowed: one for "
+                "all photographs of a camera; give it with --full-scale",
+                field="full_scale",
+            )
+
     def _photo(self, path: Path) -> Photo:
         return read_photo(path, len(self.scene.palette.channels))
 
@@ -147,6 +160,8 @@ class PhotoReader:
         ``stated`` is the full scale of ``photos``, None where it is to be found.
         """
         scale = full_scale(photos, stated)
+        if stated is None:
+            self._agree(scale, next(iter(photos)))
         if stated is None and any(photo.pixels.dtype != np.uint8 for photo in photos.values()):
             place = next(iter(photos)).parent if len(photos) > 1 else next(iter(photos))
             note(

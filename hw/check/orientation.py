@@ -47,14 +47,16 @@ def check_orientation(expected: Array, photos: Array, spots: SiteSpots) -> None:
     Raises:
         CaptureError: names the way.
     """
-    ways = TURNED | (ON_ITS_SIDE if photos.shape[1] == photos.shape[2] else {})
     straight = _misfit(expected, np.stack([spots.colors(photo) for photo in photos]))
+    if straight <= MIN_MISFIT:
+        return
+    ways = TURNED | (ON_ITS_SIDE if photos.shape[1] == photos.shape[2] else {})
     found = {
         name: _misfit(expected, np.stack([spots.colors(undo(photo)) for photo in photos]))
         for name, (undo, _) in ways.items()
     }
     best = min(found, key=lambda name: found[name])
-    if straight > MIN_MISFIT and found[best] < MIN_BETTER * straight:
+    if found[best] < MIN_BETTER * straight:
         raise CaptureError(
             f"the photographs are {best}, allowed: row 0 towards the tip, columns towards -x, as "
             f"`tactilux render` draws; {ways[best][1]}",

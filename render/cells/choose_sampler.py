@@ -17,6 +17,9 @@ STRATA = 4
 TRAPPED_INDEX = math.sqrt(2.0)
 """Index above which light along the coating is reflected totally by walls at right angles."""
 FACING = (("left", "right"), ("base", "tip"))
+"""Walls that face each other; the first pair does so on bent pads as well."""
+FLAT = math.radians(5.0)
+"""Bend below which ends of a pad send light back like those of a flat one, about."""
 
 
 def serves_all_lamps(scene: Scene, bend: float) -> bool:
@@ -43,9 +46,10 @@ def check_rendered(scene: Scene, bends: Iterable[float]) -> None:
     Raises:
         RenderError: names the walls, and what could be rendered.
     """
-    if not _cast_in(scene) or all(in_state(scene, bend)[1] for bend in bends):
+    if not _cast_in(scene):
         return
-    walls = _trapping_walls(scene)
+    flat = any(in_state(scene, bend)[1] < FLAT for bend in bends)
+    walls = _trapping_walls(scene) if flat else _metal_walls(scene, FACING[:1])
     if walls:
         raise RenderError(
             f"level 2 does not render lamps cast into silicone between {walls}: light goes to and "
@@ -56,13 +60,14 @@ def check_rendered(scene: Scene, bends: Iterable[float]) -> None:
 
 
 def _trapping_walls(scene: Scene) -> str:
-    """Return in words which faces show a lamp in the silicone over and over, "" for none."""
-    metal, smooth = (
-        [" and ".join(pair) for pair in FACING if all(like(_finish(scene, face)) for face in pair)]
-        for like in (lambda finish: finish.metal is not None, _is_mirror)
-    )
+    """Return in words which faces of a flat pad show a lamp over and over, "" for none."""
+    metal = _metal_walls(scene, FACING)
     if metal:
-        return f"the mirrors {metal[0]}"
+        return metal
+    smooth = [
+        " and ".join(pair) for pair in FACING
+        if all(_is_mirror(_finish(scene, face)) for face in pair)
+    ]  # fmt: skip
     solids = {lamp.solid for lamp in scene.placed_lamps()} - {None}
     # Along the faces light keeps what its own medium gave it.
     index = scene.pad.index
@@ -74,6 +79,14 @@ def _trapping_walls(scene: Scene) -> str:
     strip = layer is not None and layer.sigma_s == 0.0 and scene.box.layered.any()
     if strip and scene.pad.roughness == 0.0 and _is_mirror(_finish(scene, "lower")):
         return "the smooth upper and lower faces of a clear layer (diffuser.sigma_s = 0)"
+    return ""
+
+
+def _metal_walls(scene: Scene, pairs: tuple[tuple[str, str], ...]) -> str:
+    """Return in words the first of ``pairs`` of walls that are mirrors of metal, "" for none."""
+    for pair in pairs:
+        if all(_finish(scene, face).metal is not None for face in pair):
+            return f"the mirrors {pair[0]} and {pair[1]}"
     return ""
 
 

@@ -98,7 +98,7 @@ def refuse_undeclared_media(scene: mi.Scene, sensor: mi.Sensor, emission: Emissi
     Mitsuba's ``volpath`` looks from the camera only, and never asks in what an emitter is; light
     subpaths start there, and end at the camera.
     """
-    if not any(s.interior_medium() or s.exterior_medium() for s in scene.shapes()):
+    if not emission.media:
         return
     x, y, u, v = HashedStream(dr.arange(mi.UInt32, RAY_COUNT)).event(mi.UInt32(0))
     seen, _ = sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), mi.Point2f(x, y), mi.Point2f(u, v))

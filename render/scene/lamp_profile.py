@@ -25,6 +25,10 @@ FORM = (
 )
 
 
+ANGLES = ("half_angle", "sigma_v")
+"""Keys by which a file says how wide a beam is: one of them."""
+
+
 class HalfAngle(Part):
     """A key that a file may have in place of ``sigma_v``, with the same beam.
 

@@ -12,18 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from render.scene.lamp_profile import ANGLES
 from render.scene.quantities import MOST_LISTED
 from render.small_table import SmallTable, TableRow, number
 
 COLUMNS = ("x", "y", "z", "direction_x", "direction_y", "direction_z", "diameter")
-ANGLES = ("half_angle", "sigma_v")
 CHOICES = (*ANGLES, "cosine_exponent", "profile")
 """Columns of which a file has one: deg, a number, or ``lambertian`` and names of profile files."""
 TURNS = "turns"
 """Column that a file may have: ``true`` or ``false``, which nothing means too."""
 
 
-UNITS = {"x": "mm", "y": "mm", "z": "mm", "diameter": "mm", "sigma_v": "deg"}
+UNITS = {"x": "mm", "y": "mm", "z": "mm", "diameter": "mm", **dict.fromkeys(ANGLES, "deg")}
 
 
 @dataclass(frozen=True)

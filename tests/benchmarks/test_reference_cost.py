@@ -19,7 +19,7 @@ import pytest
 
 from render.chebyshev import chebyshev_nodes
 from render.reference import pad_cells
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.oracles.pads import scene_of_case
 from tests.validation.test_slab_reference import COATED, blocks, lamp, slab
 
@@ -103,12 +103,13 @@ def print_costs(
 def clear_pad() -> Scene:
     """Return a smooth clear pad with 11 lamps, 15 sites and 8 facets each."""
     pad = scene_of_case("smooth")
-    return pad.model_copy(
-        update={
-            "fibers": pad.fibers.model_copy(update={"left": 4, "tip": 3, "right": 4}),
-            "sites": pad.sites.model_copy(update={"columns": 3, "rows": 5, "spacing": 4.0}),
-            "indenter": pad.indenter.model_copy(update={"faces": 8}),
-        }
+    return unchecked(
+        pad,
+        {
+            "fibers": unchecked(pad.fibers, {"left": 4, "tip": 3, "right": 4}),
+            "sites": unchecked(pad.sites, {"columns": 3, "rows": 5, "spacing": 4.0}),
+            "indenter": unchecked(pad.indenter, {"faces": 8}),
+        },
     )
 
 

@@ -11,7 +11,7 @@ from render.geometry import (
     fiber_poses,
     flat_sites,
 )
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
 from tests.oracles.kept_photons import PHI, analog
 from tests.oracles.pads import content_of_case, scene_of_case
@@ -23,13 +23,14 @@ pytestmark = pytest.mark.slow
 def without_faces(albedo: float) -> Scene:
     """Return ``finger20`` with no rim, index 1 and few sites, so that its light is simple."""
     scene = load_scene("finger20")
-    return scene.model_copy(
-        update={
+    return unchecked(
+        scene,
+        {
             "diffuser": None,
-            "pad": scene.pad.model_copy(update={"index": 1.0}),
-            "coating": scene.coating.model_copy(update={"albedo": albedo}),
-            "sites": scene.sites.model_copy(update={"columns": 2, "rows": 1, "spacing": 6.0}),
-        }
+            "pad": unchecked(scene.pad, {"index": 1.0}),
+            "coating": unchecked(scene.coating, {"albedo": albedo}),
+            "sites": unchecked(scene.sites, {"columns": 2, "rows": 1, "spacing": 6.0}),
+        },
     )
 
 
@@ -89,7 +90,7 @@ def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> 
 def test_facets_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
     """There light changes by a factor of two across a quarter of a facet."""
     scene = scene_of_case("random 23")
-    scene = scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": 1e-4})})
+    scene = unchecked(scene, {"coating": unchecked(scene.coating, {"albedo": 1e-4})})
     assert scene.fibers.sigma_v < np.radians(3.0)
     truth = facet_radiance(scene, 0.0, analog_lamp(scene, 0, PHI))
     cells = analog(scene, pressed=True).cells(0, PHI, 24_000_000)
@@ -104,8 +105,8 @@ def test_facets_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None
 
 def test_a_site_that_no_pixel_shows_is_nan() -> None:
     scene = without_faces(0.5)
-    camera = scene.camera.model_copy(update={"y": 500.0})
-    cells = AnalogScene(scene.model_copy(update={"camera": camera}), indented=False).cells(0, 1, 16)
+    camera = unchecked(scene.camera, {"y": 500.0})
+    cells = AnalogScene(unchecked(scene, {"camera": camera}), indented=False).cells(0, 1, 16)
     assert np.isnan(cells.T).all()
 
 

@@ -8,7 +8,7 @@ from scipy import stats
 
 from render.geometry import fresnel
 from render.preview.bonded import with_bonded_window
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.oracles.analog_cells import AnalogScene, analog_lamp
 from tests.oracles.analog_tracer import BACK, COATING, ENDS, MEDIUM, MICROFACETS
 from tests.oracles.mesh_cells import BentScene, mesh_bin_areas, mesh_pad
@@ -30,7 +30,7 @@ PHI = 1.2
 def without_faces(albedo: float) -> Scene:
     """Return a clear pad of index 1 and little albedo, so that its light is direct."""
     scene = scene_of_case("no face")
-    return scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": albedo})})
+    return unchecked(scene, {"coating": unchecked(scene.coating, {"albedo": albedo})})
 
 
 def test_lamps_are_those_of_the_flat_pad() -> None:
@@ -125,8 +125,8 @@ def test_a_bent_pads_facets_are_lit_by_their_form_factors() -> None:
 
 def test_facets_of_a_bent_pad_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
     wide, bend, ahead = without_faces(1e-4), 0.8, np.pi / 2
-    narrow = wide.fibers.model_copy(update={"sigma_v": np.radians(3.0), "tilt": 0.0})
-    scene = wide.model_copy(update={"fibers": narrow})
+    narrow = unchecked(wide.fibers, {"sigma_v": np.radians(3.0), "tilt": 0.0})
+    scene = unchecked(wide, {"fibers": narrow})
     bent = BentScene(scene, bend, views=2000)
     truth = facet_radiance(scene, bend, bent.lamp(0, ahead))
     # Three in the beam, three beside it that have 4 to 12 % of the brightest.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from render.scene import unchecked
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, site_centers
 from tests.oracles.analog_tracer import ENDS
 from tests.oracles.pads import scene_of_case
@@ -77,8 +78,8 @@ def test_a_lobe_without_light_leaves_what_power_per_area_says() -> None:
 def test_a_spot_without_faces_sends_the_camera_the_lobe_times_its_irradiance() -> None:
     """Light comes straight from the lamp there, from about one direction."""
     scene = scene_of_case("sharp lobe no face")
-    glossy = scene.coating.model_copy(update={"albedo": 0.0, "specular": 0.5, "roughness": 0.5})
-    scene = scene.model_copy(update={"coating": glossy})
+    glossy = unchecked(scene.coating, {"albedo": 0.0, "specular": 0.5, "roughness": 0.5})
+    scene = unchecked(scene, {"coating": glossy})
     analog = AnalogScene(scene, indented=False)
     found = analog.cells(0, 1.2, 3_000_000)
     received = (analog.irradiance(0, 1.2, 3_000_000, 16) @ analog.view.T).mean(axis=0)

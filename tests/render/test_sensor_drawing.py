@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from render.geometry import counted_sites, declared_sites, flat_fiber_poses
-from render.scene import Camera, Scene, load_scene
+from render.scene import Camera, Scene, load_scene, unchecked
 from render.sensor_drawing import sensor_svg
 from tests.oracles.pads import scene_of_case
 
@@ -61,8 +61,8 @@ def test_every_lamp_has_its_number_and_the_color_that_it_is_given() -> None:
 
 
 def test_sites_that_do_not_count_are_crosses() -> None:
-    camera = SCENE.camera.model_copy(update={"field_of_view": np.radians(45.0)})
-    scene = SCENE.model_copy(update={"camera": camera})
+    camera = unchecked(SCENE.camera, {"field_of_view": np.radians(45.0)})
+    scene = unchecked(SCENE, {"camera": camera})
     few = len(counted_sites(scene))
     outside = panels(sensor_svg(scene))[0]
     crosses = [e for e in outside.iter(f"{SVG}path") if e.attrib["class"] == "out"]
@@ -72,8 +72,8 @@ def test_sites_that_do_not_count_are_crosses() -> None:
 
 
 def test_what_the_camera_sees_is_drawn_on_the_skin() -> None:
-    camera = SCENE.camera.model_copy(update={"field_of_view": np.radians(60.0)})
-    outside = panels(sensor_svg(SCENE.model_copy(update={"camera": camera})))[0]
+    camera = unchecked(SCENE.camera, {"field_of_view": np.radians(60.0)})
+    outside = panels(sensor_svg(unchecked(SCENE, {"camera": camera})))[0]
     (view,) = [e for e in outside.iter(f"{SVG}path") if e.attrib["class"] == "view"]
     corner = np.array(re.findall(r"-?[\d.]+", view.attrib["d"]), dtype=float).reshape(-1, 2)
     # The middle of the upper border: 30 deg from the axis, then by Snell's law.
@@ -93,11 +93,12 @@ def test_what_the_camera_sees_is_drawn_on_the_skin() -> None:
 )
 def test_any_camera_is_drawn_in_finite_numbers(camera: dict[str, object]) -> None:
     values = {"field_of_view": np.radians(30.0), "columns": 360, "rows": 600} | camera
-    scene: Scene = SCENE.model_copy(
-        update={
+    scene: Scene = unchecked(
+        SCENE,
+        {
             "camera": Camera.model_construct(**values),
-            "bending": SCENE.bending.model_copy(update={"angles": (0.0,)}),
-        }
+            "bending": unchecked(SCENE.bending, {"angles": (0.0,)}),
+        },
     )
     text = sensor_svg(scene, dark=True)
     assert len(panels(text)) == 2
@@ -156,8 +157,8 @@ def test_painted_faces_are_lines_of_their_color_where_they_are() -> None:
 @pytest.mark.parametrize("case", ["dome", "arch along x rough 0.1"])
 def test_the_view_of_a_curved_skin_ends_on_it(case: str) -> None:
     scene, radius = scene_of_case(case), {"dome": 30.0}.get(case, 20.0)
-    narrow = scene.camera.model_copy(update={"field_of_view": np.radians(40.0)})
-    scene = scene.model_copy(update={"camera": narrow})
+    narrow = unchecked(scene.camera, {"field_of_view": np.radians(40.0)})
+    scene = unchecked(scene, {"camera": narrow})
     section = panels(sensor_svg(scene))[1]
     (path,) = [e for e in section.iter(f"{SVG}path") if e.attrib["class"] == "view"]
     corner = np.array(re.findall(r"-?[\d.]+", path.attrib["d"]), dtype=float).reshape(-1, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from surrogate.preview_interval import (
     BENT_FLOOR,
     BRIGHTNESS_SHARE,
@@ -59,7 +59,7 @@ def test_designs_have_the_scenes_lamps_and_one_color_each(scene: Scene) -> None:
 
 def test_flat_pads_with_a_diffuser_have_a_floor_of_their_own() -> None:
     bent = load_scene("finger20")
-    flat = bent.model_copy(update={"bending": bent.bending.model_copy(update={"angles": (0.0,)})})
+    flat = unchecked(bent, {"bending": unchecked(bent.bending, {"angles": (0.0,)})})
     assert followed_half_width(flat, 200.0, 500.0, 0.0, 0.0) == pytest.approx(
         200.0 * DIFFUSER_FLOOR
     )

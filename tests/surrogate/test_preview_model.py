@@ -24,7 +24,7 @@ from render.preview.converged import (
 )
 from render.progress import Clock, Progress
 from render.scale import ScoreScale, baseline_power, scene_scale
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
@@ -55,7 +55,7 @@ NODES = chebyshev_nodes(13, 0.0, np.pi)
 def sensor() -> Scene:
     """A clear flat pad: drawn in a second."""
     scene = small_scene(bending={"angles": {"value": [0.0], "unit": "deg", "source": "flat"}})
-    return scene.model_copy(update={"diffuser": None})
+    return unchecked(scene, {"diffuser": None})
 
 
 @pytest.fixture(scope="module")
@@ -160,9 +160,7 @@ def shader_grid(bends: list[float]) -> PreviewGrid:
 
 
 def bending(scene: Scene, bends: list[float]) -> Scene:
-    return scene.model_copy(
-        update={"bending": scene.bending.model_copy(update={"angles": tuple(bends)})}
-    )
+    return unchecked(scene, {"bending": unchecked(scene.bending, {"angles": tuple(bends)})})
 
 
 def test_without_noise_the_corrected_grid_is_the_converged_transport(sensor: Scene) -> None:

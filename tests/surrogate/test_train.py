@@ -17,7 +17,7 @@ from render.preview.converged import Effort, cache, converged_transport
 from render.progress import Progress
 from render.reference import TimeBudget, TransportEstimate
 from render.scale import scene_scale
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable, load_table
 from surrogate.export import package
 from surrogate.preview_model import preview_checker
@@ -61,7 +61,7 @@ def test_a_model_that_would_be_too_large_is_refused_before_anything_is_drawn(
     tmp_path: Path,
 ) -> None:
     finger = load_scene("finger20")
-    sites = finger.sites.model_copy(update={"columns": 7, "rows": 10, "spacing": 2.0})
+    sites = unchecked(finger.sites, {"columns": 7, "rows": 10, "spacing": 2.0})
     said: list[Progress] = []
     with pytest.raises(
         ModelError,
@@ -69,7 +69,7 @@ def test_a_model_that_would_be_too_large_is_refused_before_anything_is_drawn(
         r"have some 64\d{5} bytes, allowed: below 5000000; give the scene fewer sites \(at most "
         r"53\) or facets$",
     ):
-        train(finger.model_copy(update={"sites": sites}), tmp_path / "model", progress=said.append)
+        train(unchecked(finger, {"sites": sites}), tmp_path / "model", progress=said.append)
     assert not said
     assert not list(tmp_path.iterdir())
 

@@ -18,7 +18,7 @@ from scipy import stats
 from render.errors import RenderError, SceneError
 from render.geometry import counted_sites
 from render.reference import TransportEstimate, render_transport
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.validation.film import LONG
 
 PHI = np.array([0.0, np.pi / 2, np.pi])
@@ -124,8 +124,8 @@ def test_a_smooth_pad_is_the_limit_of_rough_ones(tmp_path: Path) -> None:
 @pytest.mark.parametrize("bend", [0.0, 180.0])
 def test_a_pad_at_either_end_of_its_bends_has_finite_cells(tmp_path: Path, bend: float) -> None:
     scene = load_scene("finger20")
-    scene = edited(tmp_path).model_copy(
-        update={"bending": scene.bending.model_copy(update={"angles": (np.radians(bend),)})}
+    scene = unchecked(
+        edited(tmp_path), {"bending": unchecked(scene.bending, {"angles": (np.radians(bend),)})}
     )
     estimate = render(scene, bend)
     assert np.isfinite(estimate.T).all()

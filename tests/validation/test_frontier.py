@@ -12,6 +12,7 @@ import pytest
 
 from optimize.cli import main
 from render.chebyshev import chebyshev_nodes
+from render.files import read_json
 from render.preview import Preview
 from render.scene import load_scene
 from render.transport import TransportTable
@@ -114,7 +115,7 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
     assert result["reference"]["score_se_median"] > 0
     kept = sensor / "runs" / "small3-frontier"
     assert (kept / "frontier.png").read_bytes()[:4] == b"\x89PNG"
-    assert json.loads((kept / "frontier.json").read_text()) == result
+    assert read_json(kept / "frontier.json") == result
 
     code, out, err = frontier("small3.toml", *REQUEST)
     assert code == 0, err

@@ -20,7 +20,7 @@ from render.preview.diffuser.basis import directional_terms
 from render.preview.light_paths import near_wall, wall_image
 from render.preview.lights import PointLights
 from render.preview.shading_points import ShadingPoints, shading_points
-from render.scene import OUTWARD, Scene, load_scene
+from render.scene import OUTWARD, Scene, load_scene, unchecked
 from tests.oracles.pads import scene_of_case
 
 RELATIVE, ABSOLUTE, MEDIAN = 1e-3, 2e-6, 2e-5
@@ -37,7 +37,7 @@ PLAIN = (*PAINTED, "diffuser", "bare", "thin diffuser", "below", "rows of their 
 
 
 def with_parts(scene: Scene, **parts: object) -> Scene:
-    return scene.model_copy(update=parts)
+    return unchecked(scene, parts)
 
 
 def soft_inverse_square(squared: np.ndarray, lights: PointLights) -> np.ndarray:
@@ -252,22 +252,22 @@ def irradiance(
 
 def few(scene: Scene) -> Scene:
     """The same sensor with three fibers, one per edge."""
-    fibers = scene.fibers.model_copy(update={"left": 1, "tip": 1, "right": 1})
+    fibers = unchecked(scene.fibers, {"left": 1, "tip": 1, "right": 1})
     return with_parts(scene, fibers=fibers)
 
 
 def thin(scene: Scene) -> Scene:
-    layer = scene.diffuser.model_copy(update={"thickness": 0.5})
+    layer = unchecked(scene.diffuser, {"thickness": 0.5})
     return with_parts(scene, diffuser=layer)
 
 
 def with_value(scene: Scene, key: str, value: float) -> Scene:
     if (key, value) == ("pad.thickness", 1000.0):
         # From so far away the camera needs a long lens to see any site.
-        camera = scene.camera.model_copy(update={"field_of_view": np.radians(3.0)})
+        camera = unchecked(scene.camera, {"field_of_view": np.radians(3.0)})
         scene = with_parts(scene, camera=camera)
     part, name = key.split(".")
-    return with_parts(scene, **{part: getattr(scene, part).model_copy(update={name: value})})
+    return with_parts(scene, **{part: unchecked(getattr(scene, part), {name: value})})
 
 
 # Both ends of what the shader reads itself (lengths of the pad as far as sites still fit it).

@@ -11,9 +11,9 @@ import numpy as np
 
 from render.arguments import refuse
 from render.errors import SceneError
-from render.scene.lamp_profile import Profile
+from render.scene.lamp_profile import ANGLES, HalfAngle, Profile
 from render.scene.quantities import quantities_of
-from render.scene.schema.newer_keys import Place, keys_at, part_at
+from render.scene.schema.newer_keys import HALF_ANGLE, Place, keys_at, part_at
 
 SOURCE = "changed in Python"
 """What a changed value has as its source where it names none."""
@@ -75,6 +75,8 @@ def _put(content: dict[str, Any], place: Place, value: Any) -> None:
         table = _opened(table, place[:number])
     step = place[-1]
     old = table.get(step) if isinstance(table, dict) else table[_index(table, place)]
+    if step in ANGLES and isinstance(table, dict):  # a beam has one of them
+        table.pop(ANGLES[1 - ANGLES.index(str(step))], None)
     if value is None and isinstance(table, dict):
         table.pop(step, None)
     elif isinstance(value, Mapping) and isinstance(old, dict) and part_at(place) is not Profile:
@@ -122,6 +124,7 @@ def _written(place: Place, value: Any) -> Any:
         inside = {name: _written((*place, name), part) for name, part in value.items()}
         return {name: part for name, part in inside.items() if part is not None}
     part, name = part_at(place[:-1]), place[-1]
+    part = HalfAngle if name == HALF_ANGLE else part
     quantity = next(quantities_of(part, str(name)), None) if part is not None else None
     if isinstance(value, list | tuple):
         value = [_written((*place, number), item) for number, item in enumerate(value)]

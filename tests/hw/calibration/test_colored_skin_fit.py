@@ -23,7 +23,7 @@ from hw.calibration.response import SkinColor, measured_response, skin_color
 from hw.calibration.rig_fit import Calibration, fit_rig
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import Scene, load_scene, sources
+from render.scene import Scene, load_scene, sources, unchecked
 from tests.colored_skins import tinted_digit
 from tests.hw.calibration.test_clear_pad_fit import GAIN, SPACE, toy
 from tests.hw.calibration.test_response import TRUE as RESPONSE
@@ -89,8 +89,8 @@ def test_each_channel_has_an_albedo_of_its_own_and_the_rest_in_common(colored: S
 
 
 def test_behind_a_diffuser_one_albedo_is_asked_for() -> None:
-    coating = load_scene("finger20").coating.model_copy(update={"albedo": (0.7, 0.3, 0.5)})
-    scene = load_scene("finger20").model_copy(update={"coating": coating})
+    coating = unchecked(load_scene("finger20").coating, {"albedo": (0.7, 0.3, 0.5)})
+    scene = unchecked(load_scene("finger20"), {"coating": coating})
     with pytest.raises(CalibrationError, match=r"differs by channel \(0.7, 0.3, 0.5\), allowed"):
         material_space(scene)
 
@@ -165,8 +165,8 @@ def test_the_response_of_the_leds_has_no_color_of_the_skin(
     light = np.exp(np.stack([toy(one) for one in model.space.seen(model.space.material(TRUE))]))
     light = light.mean(axis=1) / light.mean()
     assert (np.abs(skin.light / light - 1) < 3 * skin.error).all()
-    camera = colored.camera.model_copy(update={"rows": 100, "columns": 60})
-    small = colored.model_copy(update={"camera": camera})
+    camera = unchecked(colored.camera, {"rows": 100, "columns": 60})
+    small = unchecked(colored, {"camera": camera})
     sets = sweeps(small, 0.0)
     for photos in sets:
         for fiber in photos.alone:

@@ -10,7 +10,7 @@ from hw.calibration.reference_lines import Setup
 from render.errors import RenderError
 from render.preview import compute_response, fiber_end_of, slab_of
 from render.preview.diffuser.basis import moments
-from render.scene import load_scene
+from render.scene import load_scene, unchecked
 from tests.long import LONG
 
 
@@ -68,8 +68,8 @@ def test_nodes_that_are_not_symmetric_are_refused() -> None:
 @pytest.mark.slow
 def test_more_points_of_light_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, bends = load_scene("finger20"), np.array([0.0, np.pi / 2])
-    few = scene.fibers.model_copy(update={"left": 1, "tip": 1, "right": 1})
-    scene = scene.model_copy(update={"fibers": few})
+    few = unchecked(scene.fibers, {"left": 1, "tip": 1, "right": 1})
+    scene = unchecked(scene, {"fibers": few})
     setup = Setup(scene, np.full(3, np.pi / 2), bends)
     pixels = setup.line_pixels(200, 120)
 

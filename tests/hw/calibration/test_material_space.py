@@ -16,7 +16,7 @@ def with_rough(scene: Scene, **roughness: float) -> Scene:
     faces = tuple(
         NamedFaces.model_construct(on=(face,), roughness=value) for face, value in roughness.items()
     )
-    return scene.model_copy(update={"faces": faces})
+    return unchecked(scene, {"faces": faces})
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_scene_is_asked_for_what_it_has(name: str, fitted: tuple[str, ...]) ->
 
 
 def test_a_clear_pad_with_fibers_has_their_beam_width_too() -> None:
-    scene = load_scene("finger20").model_copy(update={"diffuser": None})
+    scene = unchecked(load_scene("finger20"), {"diffuser": None})
     assert material_space(scene).names == ("albedo", "roughness", "sigma_v")
 
 
@@ -69,11 +69,11 @@ def test_lit_faces_of_several_roughnesses_raise_one_clear_error() -> None:
 
 def test_a_skin_with_a_lobe_on_a_clear_pad_raises_one_clear_error() -> None:
     lobe = {"specular": 0.2, "roughness": 0.3}
-    glossy = load_scene("digit").coating.model_copy(update=lobe)
+    glossy = unchecked(load_scene("digit").coating, lobe)
     with pytest.raises(CalibrationError, match=r"coating.specular = 0\.2, allowed for"):
-        material_space(load_scene("digit").model_copy(update={"coating": glossy}))
+        material_space(unchecked(load_scene("digit"), {"coating": glossy}))
     # Behind a diffuser the albedo is not fitted.
-    scene = load_scene("finger20").model_copy(update={"coating": glossy})
+    scene = unchecked(load_scene("finger20"), {"coating": glossy})
     assert "albedo" not in material_space(scene).names
 
 

@@ -9,7 +9,7 @@ from hw.calibration.pad_light import BLOCKS, PadLight, render_pad_light
 from hw.calibration.reference_lines import Setup
 from render.arrays import Array
 from render.geometry import declared_sites, facet_masks
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 
 pytestmark = pytest.mark.slow
 
@@ -18,9 +18,9 @@ LIT = [0, 4, 9]
 
 def small_scene() -> Scene:
     scene = load_scene("finger20")
-    camera = scene.camera.model_copy(update={"rows": 300, "columns": 180})
-    sites = scene.sites.model_copy(update={"columns": 1, "rows": 2, "spacing": 6.0})
-    return scene.model_copy(update={"camera": camera, "sites": sites})
+    camera = unchecked(scene.camera, {"rows": 300, "columns": 180})
+    sites = unchecked(scene.sites, {"columns": 1, "rows": 2, "spacing": 6.0})
+    return unchecked(scene, {"camera": camera, "sites": sites})
 
 
 def reference_cells(scene: Scene, bend: float) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from hw.camera.linearity import Linearity, linearity
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.hw.calibration.toy import BENDS, IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model
 
 pytestmark = pytest.mark.slow
@@ -26,8 +26,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def camera_scene(scene: Scene) -> Scene:
     """Return the sensor with half the camera's resolution, for speed."""
-    camera = scene.camera.model_copy(update={"rows": 300, "columns": 180})
-    return scene.model_copy(update={"camera": camera})
+    camera = unchecked(scene.camera, {"rows": 300, "columns": 180})
+    return unchecked(scene, {"camera": camera})
 
 
 def setup_of(scene: Scene) -> Setup:

@@ -15,7 +15,7 @@ from hw.calibration.rig_fit import fit_rig
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.hw.calibration.toy import photographs, toy_model
 
 TRUE = np.array([[0.8, 0.06, 0.01], [0.09, 1.0, 0.12], [0.0, 0.05, 0.5]])
@@ -40,8 +40,8 @@ def sweeps(scene: Scene, spread: float, seed: int = 0, fibers: int = 6) -> list[
 @pytest.fixture(scope="module")
 def small(scene: Scene) -> Scene:
     """Return the sensor with few pixels, for speed."""
-    camera = scene.camera.model_copy(update={"rows": 100, "columns": 60})
-    return scene.model_copy(update={"camera": camera})
+    camera = unchecked(scene.camera, {"rows": 100, "columns": 60})
+    return unchecked(scene, {"camera": camera})
 
 
 def test_leds_that_are_alike_give_the_matrix_itself(small: Scene) -> None:

@@ -11,7 +11,7 @@ from hw.camera.lens import load_lens
 from hw.camera.projection import Dewarp
 from hw.errors import CaptureError
 from render.geometry import pixel_directions
-from render.scene import load_scene
+from render.scene import load_scene, unchecked
 
 SCENE = load_scene("finger20")
 LENS = """
@@ -31,8 +31,8 @@ def lens_file(tmp_path: Path, text: str = LENS) -> Path:
 
 @pytest.mark.parametrize("fisheye", [False, True])
 def test_every_direction_lands_where_the_camera_has_it(tmp_path: Path, fisheye: bool) -> None:
-    camera = SCENE.camera.model_copy(update={"lens": "fisheye"} if fisheye else {})
-    scene = SCENE.model_copy(update={"camera": camera})
+    camera = unchecked(SCENE.camera, {"lens": "fisheye"} if fisheye else {})
+    scene = unchecked(SCENE, {"camera": camera})
     lens = load_lens(lens_file(tmp_path))
     # A photograph whose color says in which direction each pixel of the fisheye looks.
     x, y = (np.arange(640) - 319.5) / 200, (np.arange(480) - 239.5) / 200

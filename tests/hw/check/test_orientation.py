@@ -9,12 +9,10 @@ from hw.check.orientation import ON_ITS_SIDE, TURNED, check_orientation
 from hw.check.prediction import PadPrediction, SiteSpots
 from hw.errors import CaptureError
 from render.arrays import Array
-from render.scene import load_scene
+from render.scene import load_scene, unchecked
 
 SCENE = load_scene("finger20")
-SQUARE = SCENE.model_copy(
-    update={"camera": SCENE.camera.model_copy(update={"columns": 400, "rows": 400})}
-)
+SQUARE = unchecked(SCENE, {"camera": unchecked(SCENE.camera, {"columns": 400, "rows": 400})})
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ import pytest
 
 from hw.calibrated_powers import calibrated_powers
 from hw.camera.photo_set import PhotoSet, save_photos
+from render.files import read_json
 from render.scene import load_scene, sources
 from tests.conftest import Run
 from tests.hw.calibration.toy import IMPERFECTIONS, PHOTOGRAPHED, taken, toy_model, toy_table
@@ -60,7 +61,7 @@ def test_photographs_become_a_calibrated_scene(
     assert load_scene(calibrated).hash == said["scene_hash"]["after"]
     assert sources(calibrated)["diffuser.sigma_a"].startswith("calibrated ")
     assert "data:image/png" in (tmp_path / "out" / "report.html").read_text()
-    assert json.loads((tmp_path / "out" / "calibration.json").read_text()) == said
+    assert read_json(tmp_path / "out" / "calibration.json") == said
     # Running it again replaces its own result, and prints a table for people.
     again = tactilux("hw", "calibrate", "--flat", flat, "--bent", bent, "--linearity", sums,
                      "--samples", "0", "--out", tmp_path / "out")  # fmt: skip

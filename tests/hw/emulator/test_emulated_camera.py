@@ -17,14 +17,14 @@ from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights
 from hw.leds.ports import open_board
 from render.arrays import Array
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.hw.conftest import Plug
 
 
 def small_scene() -> Scene:
     scene = load_scene("finger20")
-    camera = scene.camera.model_copy(update={"rows": 60, "columns": 36})
-    return scene.model_copy(update={"camera": camera})
+    camera = unchecked(scene.camera, {"rows": 60, "columns": 36})
+    return unchecked(scene, {"camera": camera})
 
 
 SCENE = small_scene()

@@ -15,7 +15,7 @@ from optimize.design import load_design_file, load_layout
 from optimize.scoring import find_model
 from render.errors import DesignError, ModelError
 from render.scale import scene_scale
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 
@@ -133,10 +133,10 @@ def test_a_model_is_found_by_the_scenes_hash_whatever_its_name(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "of-my-rig").symlink_to(small_model)
-    scene = load_scene(small_scene).model_copy(update={"name": "renamed"})
+    scene = unchecked(load_scene(small_scene), {"name": "renamed"})
     assert find_model(scene) == Path("models") / "of-my-rig"
     assert find_model(load_scene("finger20")).name == "finger20"
-    other = scene.model_copy(update={"coating": scene.coating.model_copy(update={"albedo": 0.5})})
+    other = unchecked(scene, {"coating": unchecked(scene.coating, {"albedo": 0.5})})
     assert find_model(other) is None
     with pytest.raises(ModelError, match=r"there is no checker\.onnx in nowhere"):
         find_model(other, Path("nowhere"))

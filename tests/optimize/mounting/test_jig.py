@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from optimize.design import Design, baseline_design, limits_of
 from optimize.mounting import JigError, drilling_jig, stl_bytes
 from render.geometry import FiberHolder, flat_fiber_poses
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 
 FINGER20 = load_scene("finger20")
 
@@ -27,7 +27,7 @@ def printed(scene: Scene, design: Design) -> trimesh.Trimesh:
 
 
 def with_fibers(**counts: int) -> Scene:
-    return FINGER20.model_copy(update={"fibers": FINGER20.fibers.model_copy(update=counts)})
+    return unchecked(FINGER20, {"fibers": unchecked(FINGER20.fibers, counts)})
 
 
 @settings(max_examples=20)
@@ -75,7 +75,7 @@ def test_the_rims_of_the_holes_lie_around_the_fibers() -> None:
 def test_walls_stand_nearer_where_no_diffuser_lies() -> None:
     layer = FINGER20.diffuser
     assert layer is not None
-    scene = FINGER20.model_copy(update={"diffuser": layer.model_copy(update={"on": ("left",)})})
+    scene = unchecked(FINGER20, {"diffuser": unchecked(layer, {"on": ("left",)})})
     mesh, gap, wall = printed(scene, baseline_design(scene)), FINGER20.fibers.gap, 3.0
     low, high = mesh.bounds
     assert mesh.is_watertight

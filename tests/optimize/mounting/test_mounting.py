@@ -12,7 +12,7 @@ import pytest
 from optimize.design import Design, baseline_design
 from optimize.mounting import Feeds, mount, mounting_error_costs, surrogate_score, wiring_csv
 from render.geometry import flat_fiber_poses
-from render.scene import Constraints, Scene
+from render.scene import Constraints, Scene, unchecked
 from surrogate.runtime import Checker
 
 
@@ -74,16 +74,16 @@ def test_rounding_says_what_it_takes(finger20: Scene, finger20_checker: Checker)
 
 def test_a_scene_with_steps_of_its_own_keeps_them(finger20: Scene) -> None:
     limits = Constraints(angle_step={"value": 4.0, "unit": "deg", "source": "jig"})  # type: ignore[arg-type]
-    scene = finger20.model_copy(update={"constraints": limits})
+    scene = unchecked(finger20, {"constraints": limits})
     assert mount(scene, turned(scene, 2.0)).step == pytest.approx(4.0)
 
 
 def test_colors_may_be_exchanged_where_no_limit_tells_them_apart(finger20: Scene) -> None:
     assert mount(finger20, turned(finger20, 0.0)).colors_exchange
-    fewer = finger20.model_copy(update={"constraints": Constraints(max_red=5)})
+    fewer = unchecked(finger20, {"constraints": Constraints(max_red=5)})
     assert not mount(fewer, turned(fewer, 0.0)).colors_exchange
-    colored = finger20.coating.model_copy(update={"albedo": (0.6, 0.5, 0.4)})
-    tinted = finger20.model_copy(update={"coating": colored})
+    colored = unchecked(finger20.coating, {"albedo": (0.6, 0.5, 0.4)})
+    tinted = unchecked(finger20, {"coating": colored})
     assert not mount(tinted, turned(tinted, 0.0)).colors_exchange
 
 

@@ -19,6 +19,7 @@ from optimize.overnight.report import convergence, render_report, warnings
 from optimize.overnight.result import Finalist, OvernightResult
 from optimize.report import bolt_pictures
 from render.errors import SceneError
+from render.scene import unchecked
 
 pytestmark = pytest.mark.slow
 
@@ -201,7 +202,7 @@ def test_text_is_escaped_and_a_bare_night_still_has_a_report(
 
 def test_a_pad_too_small_for_a_bolt_is_refused(finished_night: OvernightResult) -> None:
     scene = finished_night.scene
-    narrow = scene.model_copy(update={"pad": scene.pad.model_copy(update={"width": 6.0})})
+    narrow = unchecked(scene, {"pad": unchecked(scene.pad, {"width": 6.0})})
     with pytest.raises(SceneError, match="does not fit into the pad"):
         bolt_pictures(narrow, [finished_night.best.design], finished_night.settings)
 

@@ -14,7 +14,7 @@ from optimize.play import PlayPage, write_play
 from optimize.report import encode_srgb
 from render.geometry import SkinChart, ball
 from render.preview import Preview
-from render.scene import Scene, Window, load_scene
+from render.scene import Scene, Window, load_scene, unchecked
 from surrogate.preview_model import preview_checker
 from tests.optimize.browser import camera_picture, opened
 
@@ -28,14 +28,14 @@ SIZE, CENTER = (48, 64), (4.0, 5.0)
 
 def colored_dome() -> Scene:
     scene = load_scene("digit-dome")
-    coating = scene.coating.model_copy(update={"albedo": (0.5, 0.3, 0.2)})
-    return scene.model_copy(update={"coating": coating})
+    coating = unchecked(scene.coating, {"albedo": (0.5, 0.3, 0.2)})
+    return unchecked(scene, {"coating": coating})
 
 
 def gel_on_a_window() -> Scene:
     scene = load_scene("digit")
     window = Window.model_construct(thickness=2.0, index=scene.pad.index + 0.1)
-    return scene.model_copy(update={"window": window})
+    return unchecked(scene, {"window": window})
 
 
 @pytest.mark.parametrize("scene", [colored_dome(), gel_on_a_window()], ids=["dome", "window"])

@@ -27,7 +27,7 @@ from optimize.search.colors import quick_colors
 from render.errors import TableError
 from render.geometry import bolt
 from render.preview import Preview
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from surrogate.runtime import Checker
 from tests.optimize.browser import SCREENS, look
 
@@ -121,9 +121,9 @@ def middle(page: Page, selector: str, number: int = 0) -> tuple[float, float]:
 
 
 def test_a_page_says_that_its_pictures_do_not_know_the_lobe_of_a_skin(finger20: Scene) -> None:
-    glossy = finger20.coating.model_copy(update={"specular": 0.2, "roughness": 0.3})
+    glossy = unchecked(finger20.coating, {"specular": 0.2, "roughness": 0.3})
     unasked: Any = None
-    page = PlayPage(finger20.model_copy(update={"coating": glossy}), unasked)
+    page = PlayPage(unchecked(finger20, {"coating": glossy}), unasked)
     assert [note for note in page.notes("surrogate") if "lobe" in note]
     assert PlayPage(finger20, unasked).notes("surrogate") == []
 

@@ -15,7 +15,7 @@ from optimize.search import NominalScore, WeightedSum, refine_directions
 from render.errors import SceneError, TableError
 from render.geometry import flat_sites
 from render.preview import point_lights
-from render.scene import OUTWARD, Scene
+from render.scene import OUTWARD, Scene, unchecked
 from render.transport import TransportTable
 from tests.oracles.pads import scene_of_case
 
@@ -54,8 +54,8 @@ def test_hidden_light_equals_a_walk_along_the_lines(finger20: Scene) -> None:
 def thin(finger20: Scene) -> Scene:
     """Return the sensor with a layer that 13 % of the light passes straight."""
     assert finger20.diffuser is not None
-    layer = finger20.diffuser.model_copy(update={"thickness": 0.5})
-    return finger20.model_copy(update={"diffuser": layer})
+    layer = unchecked(finger20.diffuser, {"thickness": 0.5})
+    return unchecked(finger20, {"diffuser": layer})
 
 
 def sent_by_beam(scene: Scene, direction: np.ndarray, phi: float, peak: float) -> float:
@@ -125,11 +125,11 @@ def test_a_thin_layer_lets_beams_pass_and_their_shadow_is_what_they_send(
 
 def test_a_layer_that_hardly_scatters_hides_what_a_clear_pad_hides(finger20: Scene) -> None:
     assert finger20.diffuser is not None
-    layer = finger20.diffuser.model_copy(update={"thickness": 0.1, "sigma_s": 0.01})
-    nearly = finger20.model_copy(update={"diffuser": layer})
+    layer = unchecked(finger20.diffuser, {"thickness": 0.1, "sigma_s": 0.01})
+    nearly = unchecked(finger20, {"diffuser": layer})
     gap = finger20.fibers.gap + 0.1 / finger20.pad.index
-    fibers = finger20.fibers.model_copy(update={"gap": gap})
-    clear = finger20.model_copy(update={"diffuser": None, "fibers": fibers})
+    fibers = unchecked(finger20.fibers, {"gap": gap})
+    clear = unchecked(finger20, {"diffuser": None, "fibers": fibers})
     ahead = np.array([np.pi / 2])
     bolt = PressedCylinder(radius=2.0, depth=1.2, distance=0.5, points=8)
     thin, none = (hidden_fraction(scene, ahead, bolt)[:, 0] for scene in (nearly, clear))

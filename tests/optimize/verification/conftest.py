@@ -11,7 +11,7 @@ from optimize.design import baseline_design
 from render.chebyshev import chebyshev_nodes
 from render.preview import Preview
 from render.scale import scale_of
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 
@@ -19,12 +19,12 @@ from surrogate.model.preview_grid import PreviewGrid, draw_grid
 @pytest.fixture(scope="package")
 def small() -> Scene:
     scene = load_scene("finger20")
-    fibers = scene.fibers.model_copy(update={"left": 3, "tip": 2, "right": 3})
-    sites = scene.sites.model_copy(update={"columns": 2, "rows": 2})
-    indenter = scene.indenter.model_copy(update={"faces": 5})
-    bending = scene.bending.model_copy(update={"angles": scene.bending.angles[:2]})
-    return scene.model_copy(
-        update={"fibers": fibers, "sites": sites, "indenter": indenter, "bending": bending}
+    fibers = unchecked(scene.fibers, {"left": 3, "tip": 2, "right": 3})
+    sites = unchecked(scene.sites, {"columns": 2, "rows": 2})
+    indenter = unchecked(scene.indenter, {"faces": 5})
+    bending = unchecked(scene.bending, {"angles": scene.bending.angles[:2]})
+    return unchecked(
+        scene, {"fibers": fibers, "sites": sites, "indenter": indenter, "bending": bending}
     )
 
 

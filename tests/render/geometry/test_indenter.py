@@ -119,7 +119,7 @@ def test_a_bolt_stands_at_the_row_of_sites_nearest_to_the_base(scene: Scene) -> 
 
 
 def test_a_bolt_that_does_not_fit_is_refused(scene: Scene) -> None:
-    narrow = unchecked(scene, {"pad": scene.pad.model_copy(update={"width": 6.0})})
+    narrow = unchecked(scene, {"pad": unchecked(scene.pad, {"width": 6.0})})
     with pytest.raises(SceneError, match="does not fit into the pad of 6 x 30"):
         bolt(narrow)
     with pytest.raises(SceneError, match="pressed 4 mm deep"):

@@ -15,7 +15,7 @@ from render.geometry import (
     mirror_twins,
     pyramid,
 )
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 
 SCENE = load_scene("finger20")
 BENDS = [0.0, 1e-6, np.pi / 4, np.pi / 2, np.pi]
@@ -23,7 +23,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 def with_fibers(**values: float) -> Scene:
-    return SCENE.model_copy(update={"fibers": SCENE.fibers.model_copy(update=values)})
+    return unchecked(SCENE, {"fibers": unchecked(SCENE.fibers, values)})
 
 
 def test_fibers_run_around_the_pad_from_the_left_base_to_the_right_base() -> None:
@@ -40,7 +40,7 @@ def test_fibers_run_around_the_pad_from_the_left_base_to_the_right_base() -> Non
 
 
 def test_without_a_diffuser_fibers_stand_at_the_pad() -> None:
-    bare = SCENE.model_copy(update={"diffuser": None})
+    bare = unchecked(SCENE, {"diffuser": None})
     assert flat_fiber_poses(bare).position[0, 0] == pytest.approx(-9.0 - SCENE.fibers.gap)
 
 
@@ -111,8 +111,8 @@ def test_facet_normals_follow_eq_4_2() -> None:
 
 @pytest.mark.parametrize("faces", [3, 4, 10, 64])
 def test_the_pyramid_has_the_stated_normals_and_one_apex(faces: int) -> None:
-    indenter = SCENE.indenter.model_copy(update={"faces": faces})
-    scene = SCENE.model_copy(update={"indenter": indenter})
+    indenter = unchecked(SCENE.indenter, {"faces": faces})
+    scene = unchecked(SCENE, {"indenter": indenter})
     corners = pyramid(scene)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -10,15 +10,13 @@ import trimesh
 
 from render.geometry import bend_frames, facets, flat_sites, pyramids, unbend_points
 from render.geometry.meshes import MAX_SAG, PadMeshes, imprinted_coating, pad_meshes
-from render.scene import OUTWARD, Scene, load_scene
+from render.scene import OUTWARD, Scene, load_scene, unchecked
 from tests.oracles.pads import SKINS, scene_of_case
 
 SCENE = load_scene("finger20")
-BARE = SCENE.model_copy(update={"diffuser": None})
+BARE = unchecked(SCENE, {"diffuser": None})
 SIDES = {
-    " ".join(edges): SCENE.model_copy(
-        update={"diffuser": SCENE.diffuser.model_copy(update={"on": edges})}
-    )
+    " ".join(edges): unchecked(SCENE, {"diffuser": unchecked(SCENE.diffuser, {"on": edges})})
     for edges in (("left",), ("tip", "base"), ("left", "tip", "right", "base"))
     if SCENE.diffuser
 }
@@ -184,9 +182,9 @@ def test_the_ring_around_a_pyramid_stays_close_to_the_coating(bend: float) -> No
 @pytest.mark.parametrize("faces", [3, 4, 7, 64])
 @pytest.mark.parametrize("spacing", [1.8, 3.0])
 def test_any_pyramid_on_touching_cells_closes(faces: int, spacing: float) -> None:
-    indenter = SCENE.indenter.model_copy(update={"faces": faces})
-    sites = SCENE.sites.model_copy(update={"spacing": spacing})
-    scene = SCENE.model_copy(update={"indenter": indenter, "sites": sites})
+    indenter = unchecked(SCENE.indenter, {"faces": faces})
+    sites = unchecked(SCENE.sites, {"spacing": spacing})
+    scene = unchecked(SCENE, {"indenter": indenter, "sites": sites})
     for bend in (0.0, 1.2):
         whole = block(pad_meshes(scene, bend, True))
         assert whole.is_watertight

@@ -22,7 +22,7 @@ from render.geometry import (
     mirror_image,
     seen_targets,
 )
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 
 FULL = load_scene("finger20")
 BENDS = np.radians([0.0, 45.0, 90.0])
@@ -30,8 +30,8 @@ BENDS = np.radians([0.0, 45.0, 90.0])
 
 def changed(scene: Scene, **parts: dict[str, object]) -> Scene:
     """Return ``scene`` with other values in some of its parts."""
-    update = {name: getattr(scene, name).model_copy(update=new) for name, new in parts.items()}
-    return scene.model_copy(update=update)
+    update = {name: unchecked(getattr(scene, name), new) for name, new in parts.items()}
+    return unchecked(scene, update)
 
 
 SCENE = changed(FULL, camera={"columns": 120, "rows": 200})

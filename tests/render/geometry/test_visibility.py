@@ -9,14 +9,14 @@ from scipy.optimize import minimize
 import render.geometry.visibility
 from render.arrays import Array
 from render.geometry import bend_points, camera_origin, camera_rays, facet_masks, facets
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 
 SCENE = load_scene("finger20")
 BENDS = np.radians([0.0, 45.0, 90.0])
 
 
 def with_indenter(**values: float) -> Scene:
-    return SCENE.model_copy(update={"indenter": SCENE.indenter.model_copy(update=values)})
+    return unchecked(SCENE, {"indenter": unchecked(SCENE.indenter, values)})
 
 
 def test_rays_span_the_vertical_field_of_view_with_square_pixels() -> None:
@@ -131,10 +131,10 @@ def test_a_steep_facet_that_faces_away_is_not_seen() -> None:
 
 def test_a_pyramid_hides_what_lies_behind_it() -> None:
     # A low camera sees row 0 past pyramids that are 3 mm deep, 3 mm nearer to it.
-    camera = SCENE.camera.model_copy(update={"distance": 2.0, "y": 9.0, "field_of_view": 2.9})
-    crowd = with_indenter(slope=np.radians(73.0), radius=0.98).model_copy(update={"camera": camera})
-    row = crowd.sites.model_copy(update={"rows": 1, "centre_y": -3.0})
-    alone = crowd.model_copy(update={"sites": row})
+    camera = unchecked(SCENE.camera, {"distance": 2.0, "y": 9.0, "field_of_view": 2.9})
+    crowd = unchecked(with_indenter(slope=np.radians(73.0), radius=0.98), {"camera": camera})
+    row = unchecked(crowd.sites, {"rows": 1, "centre_y": -3.0})
+    alone = unchecked(crowd, {"sites": row})
     crowded, free = (facet_masks(scene, 0.0, columns=600, rows=600) for scene in (crowd, alone))
     assert 0 < crowded.counts[:3, :10].sum() < free.counts[:, :10].sum()
     for facet in range(10):
@@ -149,8 +149,8 @@ def test_facets_too_small_for_the_image_are_masked_not_guessed() -> None:
 
 def test_sites_beyond_the_horizon_of_a_strong_bend_are_not_seen() -> None:
     # The rows reach from y = -13 to 13 mm; the camera at y = 3 mm looks at the middle of them.
-    sites = SCENE.sites.model_copy(update={"rows": 3, "spacing": 13.0, "centre_y": 0.0})
-    scene = SCENE.model_copy(update={"sites": sites.model_copy(update={"columns": 1})})
+    sites = unchecked(SCENE.sites, {"rows": 3, "spacing": 13.0, "centre_y": 0.0})
+    scene = unchecked(SCENE, {"sites": unchecked(sites, {"columns": 1})})
     assert facet_masks(scene, 0.0).counts[1].min() > 0
     bent = facet_masks(scene, np.pi)
     assert not bent.counts[0].any()

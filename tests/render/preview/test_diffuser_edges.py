@@ -16,7 +16,7 @@ from render.preview.light_paths import wall_images
 from render.preview.lights import with_images
 from render.preview.shading_points import shading_points
 from render.progress import Clock
-from render.scene import EDGES, Scene
+from render.scene import EDGES, Scene, unchecked
 from tests.oracles.pads import content_of_case, listed, row
 
 TURN = {"left": "right", "right": "left", "tip": "base", "base": "tip"}
@@ -120,9 +120,7 @@ def test_edges_send_light_back_as_what_lies_on_them() -> None:
     assert {EDGES[number] for number in shading_points(scene).edge} == {"left", "base"}
     # Clear are the tip and the right edge: images in both of them, and in the corner between.
     assert {image.turns for image in wall_images(scene)} == {(0, 1), (1, 0), (1, 1)}
-    bending = scene.model_copy(
-        update={"bending": scene.bending.model_copy(update={"angles": (0.0, 0.5)})}
-    )
+    bending = unchecked(scene, {"bending": unchecked(scene.bending, {"angles": (0.0, 0.5)})})
     assert {image.turns for image in wall_images(bending)} == {(0, 1), (1, 0)}
     assert wall_images(scene_on(*EDGES)) == []
 

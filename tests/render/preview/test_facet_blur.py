@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render.preview.facet_blur import RINGS, facet_blur, facet_blurs, ring_count
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.oracles.random_scenes import random_scene
 
 
@@ -14,8 +14,8 @@ def scene() -> Scene:
 
 
 def with_roughness(scene: Scene, roughness: float) -> Scene:
-    pad = scene.pad.model_copy(update={"roughness": roughness})
-    return scene.model_copy(update={"pad": pad})
+    pad = unchecked(scene.pad, {"roughness": roughness})
+    return unchecked(scene, {"pad": pad})
 
 
 def scale(scene: Scene) -> float:

@@ -22,12 +22,10 @@ def case(name: str, **reflectance: float) -> Scene:
     """Return a case with other reflectances of its white and metal faces."""
     scene = scene_of_case(name)
     faces = tuple(
-        entry.model_copy(
-            update={kind: reflectance[kind] for kind in entry.kinds if kind in reflectance}
-        )
+        unchecked(entry, {kind: reflectance[kind] for kind in entry.kinds if kind in reflectance})
         for entry in scene.faces or ()
     )
-    return scene.model_copy(update={"faces": faces})
+    return unchecked(scene, {"faces": faces})
 
 
 def light(scene: Scene) -> np.ndarray:

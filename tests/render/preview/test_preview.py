@@ -23,7 +23,7 @@ from render.geometry import (
     unbend_points,
 )
 from render.preview import Preview
-from render.scene import Camera, Scene, load_scene
+from render.scene import Camera, Scene, load_scene, unchecked
 from tests.oracles.pads import scene_of_case
 
 BENDS = np.array([0.0, 1e-6, np.pi / 4, np.pi])
@@ -170,11 +170,12 @@ def test_pyramids_show_in_the_indented_picture_only(preview: Preview, scene: Sce
 
 def test_a_pyramid_throws_a_shadow_away_from_the_light(scene: Scene, cache: Path) -> None:
     # Steep and alone on the pad, lit from the left: what lies behind it is darker, before it not.
-    steep = scene.model_copy(
-        update={
-            "indenter": scene.indenter.model_copy(update={"slope": np.radians(60.0)}),
-            "sites": scene.sites.model_copy(update={"columns": 1, "rows": 1}),
-        }
+    steep = unchecked(
+        scene,
+        {
+            "indenter": unchecked(scene.indenter, {"slope": np.radians(60.0)}),
+            "sites": unchecked(scene.sites, {"columns": 1, "rows": 1}),
+        },
     )
     power = baseline(scene) * [1, 0, 0]
     with Preview(steep, cache=cache) as preview:
@@ -199,7 +200,7 @@ def test_osmesa_and_egl_agree(scene: Scene, cache: Path, preview: Preview) -> No
 
 
 def test_a_bare_scene_needs_no_diffuser(scene: Scene, tmp_path: Path) -> None:
-    bare = scene.model_copy(update={"diffuser": None})
+    bare = unchecked(scene, {"diffuser": None})
     with Preview(bare, cache=tmp_path) as preview:
         facets, _ = preview.transport(np.array([0.3, np.pi / 2]), np.array([0.0, 0.5]))
         assert (facets > 0).all()
@@ -209,7 +210,7 @@ def test_a_bare_scene_needs_no_diffuser(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_turning_a_bare_beam_away_darkens_the_pad(scene: Scene) -> None:
-    with Preview(scene.model_copy(update={"diffuser": None})) as preview:
+    with Preview(unchecked(scene, {"diffuser": None})) as preview:
         light = preview.transport(np.array([0.0, np.pi / 2, np.pi]), np.zeros(1))[1]
     total = light.sum(axis=(0, 2, 3))
     assert total[1] > 3 * max(total[0], total[2])
@@ -248,8 +249,8 @@ def test_sites_that_do_not_count_have_no_cells_and_the_others_keep_theirs(
     # The middle third of the picture, pixel by pixel.
     angle = 2 * np.arctan(np.tan(scene.camera.field_of_view / 2) / 3)
     size = {"columns": scene.camera.columns // 3, "rows": scene.camera.rows // 3}
-    camera = scene.camera.model_copy(update={"field_of_view": angle, **size})
-    narrow = scene.model_copy(update={"camera": camera})
+    camera = unchecked(scene.camera, {"field_of_view": angle, **size})
+    narrow = unchecked(scene, {"camera": camera})
     counted = counted_sites(narrow)
     assert 0 < len(counted) < scene.sites.count
     drawn = []
@@ -264,7 +265,7 @@ def test_a_turned_camera_draws_the_turned_picture(scene: Scene, cache: Path) -> 
     def drawn(columns: int, rows: int, **pose: object) -> np.ndarray:
         angle = 2 * np.arctan(np.tan(np.radians(45.0)) * rows / 60)
         camera = Camera.model_construct(field_of_view=angle, columns=360, rows=600, **pose)
-        moved = scene.model_copy(update={"camera": camera})
+        moved = unchecked(scene, {"camera": camera})
         with Preview(moved, cache=cache) as preview:
             phi = np.full(scene.lamp_count, np.pi / 2)
             return preview.picture(phi, baseline(scene), 0.0, columns, rows)
@@ -286,7 +287,7 @@ def test_a_pixel_of_an_askew_camera_shows_what_its_ray_meets(
         position=(4.0, -9.0, -12.0), look_at=(1.0, 2.0, 4.0), lens=lens,
         field_of_view=np.radians(80.0), columns=360, rows=600,
     )  # fmt: skip
-    moved = scene.model_copy(update={"camera": camera})
+    moved = unchecked(scene, {"camera": camera})
     with Preview(moved, cache=cache) as preview:
         phi = np.full(scene.lamp_count, np.pi / 2)
         picture = preview.picture(phi, baseline(scene), 0.7, 90, 150, indented=False)

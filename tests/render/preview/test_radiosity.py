@@ -5,7 +5,7 @@ import pytest
 
 from render.preview.radiosity import Radiosity, solve_radiosity
 from render.preview.shading_points import ShadingPoints, shading_points
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from tests.oracles.pads import scene_of_case
 
 
@@ -20,8 +20,8 @@ def points(scene: Scene) -> ShadingPoints:
 
 
 def solved(scene: Scene, points: ShadingPoints, albedo: float, edge: float) -> Radiosity:
-    coating = scene.coating.model_copy(update={"albedo": albedo})
-    return solve_radiosity(scene.model_copy(update={"coating": coating}), points, 0.0, edge)
+    coating = unchecked(scene.coating, {"albedo": albedo})
+    return solve_radiosity(unchecked(scene, {"coating": coating}), points, 0.0, edge)
 
 
 def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: ShadingPoints) -> None:
@@ -37,12 +37,12 @@ def test_patches_cover_the_coating_and_the_lit_edges(scene: Scene, points: Shadi
 
 
 def test_without_diffuser_no_edge_reflects(scene: Scene) -> None:
-    assert shading_points(scene.model_copy(update={"diffuser": None})).edge.size == 0
+    assert shading_points(unchecked(scene, {"diffuser": None})).edge.size == 0
 
 
 def test_a_large_pad_keeps_a_bounded_number_of_patches(scene: Scene) -> None:
-    pad = scene.pad.model_copy(update={"width": 900.0, "length": 1000.0})
-    assert len(shading_points(scene.model_copy(update={"pad": pad})).position) < 1000
+    pad = unchecked(scene.pad, {"width": 900.0, "length": 1000.0})
+    assert len(shading_points(unchecked(scene, {"pad": pad})).position) < 1000
 
 
 def test_black_faces_add_nothing(scene: Scene, points: ShadingPoints) -> None:
@@ -83,7 +83,7 @@ def test_radiosity_is_mirror_symmetric(scene: Scene, points: ShadingPoints) -> N
 def test_a_dome_in_air_sees_itself_as_a_sphere_does() -> None:
     # Between any two places of a sphere the coupling is area / (4 pi R^2); index 1 has no mirrors.
     dome = scene_of_case("dome")
-    air = dome.model_copy(update={"pad": dome.pad.model_copy(update={"index": 1.0})})
+    air = unchecked(dome, {"pad": unchecked(dome.pad, {"index": 1.0})})
     points = shading_points(air)
     added = solve_radiosity(air, points, 0.0, 0.0).added(np.ones((1, len(points.position))))[0]
     x, y = (np.linspace(-0.5, 0.5, 401)[1:] - 0.5 / 400 for _ in range(2))

@@ -10,7 +10,7 @@ from render.preview import Preview
 from render.preview.converged import Effort, transport_at
 from render.preview.facet_blur import lines_of_sight
 from render.progress import Clock
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.oracles.analog_cells import AnalogScene
 from tests.oracles.pads import scene_of_case
 
@@ -70,10 +70,10 @@ def test_the_preview_as_drawn_is_near_the_light_of_analog_photons(case: str, off
     assert drawn.sum() == pytest.approx(truth.sum(), rel=0.07)
     assert np.median(np.abs(drawn / truth - 1)[bright]) < off
     # Taken for diffuse it is far away.
-    lambert = scene.coating.model_copy(
-        update={"albedo": scene.coating.reflectance, "specular": None, "roughness": None}
+    lambert = unchecked(
+        scene.coating, {"albedo": scene.coating.reflectance, "specular": None, "roughness": None}
     )
-    with Preview(scene.model_copy(update={"coating": lambert})) as preview:
+    with Preview(unchecked(scene, {"coating": lambert})) as preview:
         plain = preview.transport(np.full((2, 1), PHI), np.zeros(1))[0].ravel()
     assert np.median(np.abs(plain / truth - 1)[bright]) > 1.5 * off
 

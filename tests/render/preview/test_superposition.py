@@ -10,7 +10,7 @@ import pytest
 import render.preview.lights
 import render.preview.superposition
 from render.preview import Preview
-from render.scene import Scene, Window, load_scene
+from render.scene import Scene, Window, load_scene, unchecked
 from tests.oracles.pads import scene_of_case
 
 SIZE = 30, 24
@@ -19,13 +19,13 @@ SIZE = 30, 24
 def with_lobe(scene: Scene) -> Scene:
     """Return a scene whose skin has a lobe, and another albedo for each channel."""
     lobe = {"albedo": (0.5, 0.3, 0.1), "specular": 0.3, "roughness": 0.25}
-    return scene.model_copy(update={"coating": scene.coating.model_copy(update=lobe)})
+    return unchecked(scene, {"coating": unchecked(scene.coating, lobe)})
 
 
 def on_window(scene: Scene) -> Scene:
     """Return a scene on a plate of another index."""
     window = Window.model_construct(thickness=2.0, index=scene.pad.index + 0.1)
-    return scene.model_copy(update={"window": window})
+    return unchecked(scene, {"window": window})
 
 
 def pictures(scene: Scene, cache: Path) -> list[np.ndarray]:
@@ -79,11 +79,11 @@ def test_a_picture_none_of_whose_pixels_sees_the_pad_is_black(tmp_path: Path) ->
     beside |= {"distance": None, "y": None}
     one = {"columns": 1, "rows": 1, "centre_x": 7.0}
     update = {
-        "camera": scene.camera.model_copy(update=beside),
-        "sites": scene.sites.model_copy(update=one),
+        "camera": unchecked(scene.camera, beside),
+        "sites": unchecked(scene.sites, one),
     }
     power = np.ones((scene.lamp_count, 3))
-    with Preview(scene.model_copy(update=update), cache=tmp_path) as preview:
+    with Preview(unchecked(scene, update), cache=tmp_path) as preview:
         straight = np.full(scene.lamp_count, np.pi / 2)
         assert preview.picture(straight, power, 0.0, 9, 9).any()
         middle = preview.picture(straight, power, 0.0, 1, 1)

@@ -13,7 +13,7 @@ from render.preview.converged import Effort
 from render.preview.facet_blur import facet_blur
 from render.preview.shading_points import ShadingPoints
 from render.scale import ScoreScale, scene_scale
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.oracles.pads import content_of_case, scene_of_case
 
 PHI = np.array([1.2])
@@ -23,7 +23,7 @@ def with_index(case: str, index: float) -> Scene:
     """Return a case with a window of ``index``."""
     scene = scene_of_case(case)
     assert scene.window is not None
-    return scene.model_copy(update={"window": scene.window.model_copy(update={"index": index})})
+    return unchecked(scene, {"window": unchecked(scene.window, {"index": index})})
 
 
 def direct(scene: Scene) -> tuple[np.ndarray, ShadingPoints]:
@@ -49,10 +49,8 @@ def test_a_lamp_far_below_comes_through_three_faces_as_snell_and_fresnel_say() -
     scene = with_index("window lit from below", 1.6)
     assert scene.lamps is not None
     assert scene.window is not None
-    far = scene.lamps[0].model_copy(
-        update={"position": (0.0, 0.0, -400.0), "direction": (0.0, 0.0, 1.0)}
-    )
-    scene = scene.model_copy(update={"lamps": (far,)})
+    far = unchecked(scene.lamps[0], {"position": (0.0, 0.0, -400.0), "direction": (0.0, 0.0, 1.0)})
+    scene = unchecked(scene, {"lamps": (far,)})
     lit, points = direct(scene)
     site = lit[0, points.sites * points.facets :]
     # Nearly upright light: what the two faces pass, over the square of the distance in air, into

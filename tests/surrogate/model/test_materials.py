@@ -12,7 +12,7 @@ import pytest
 from render.describe import describe
 from render.errors import ModelError, SceneError, TableError
 from render.preview import Preview
-from render.scene import FreeRanges, Scene, load_scene
+from render.scene import FreeRanges, Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import PreviewGrid, draw_material_grid
@@ -32,11 +32,14 @@ RANGES = FreeRanges.model_construct(reduced_scattering=(0.7, 1.4), diffuser_thic
 @pytest.fixture(scope="module")
 def sensor(make_scene: Callable[..., Scene]) -> Scene:
     """A small sensor with both quantities free."""
-    return make_scene(
-        fibers={"left": 2, "tip": 1, "right": 2},
-        sites={"columns": 1, "rows": 2},
-        bending={"angles": {"value": [0.0], "unit": "deg", "source": "test"}},
-    ).model_copy(update={"free": RANGES})
+    return unchecked(
+        make_scene(
+            fibers={"left": 2, "tip": 1, "right": 2},
+            sites={"columns": 1, "rows": 2},
+            bending={"angles": {"value": [0.0], "unit": "deg", "source": "test"}},
+        ),
+        {"free": RANGES},
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -217,9 +220,7 @@ def test_commands_warn_where_the_material_leaves_the_range(
 def test_a_scene_that_differs_elsewhere_is_still_refused(
     free_model: Trained, sensor: Scene
 ) -> None:
-    other = sensor.model_copy(
-        update={"pad": sensor.pad.model_copy(update={"roughness": 0.2}), "free": None}
-    )
+    other = unchecked(sensor, {"pad": unchecked(sensor.pad, {"roughness": 0.2}), "free": None})
     with pytest.raises(ModelError, match="model of another scene"):
         Checker.for_scene(free_model.folder, other)
 

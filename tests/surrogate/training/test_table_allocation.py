@@ -14,7 +14,7 @@ from render.metric import design_score, image_counts, site_metric
 from render.progress import OnProgress
 from render.reference import RenderJob, TimeBudget
 from render.scale import ScoreScale, scene_scale
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid, draw_grid
 from surrogate.training import render_plan
@@ -26,15 +26,13 @@ def an_led_on_each_side() -> Scene:
     """Return the slab of a DIGIT with its LED of the tip, and others like it left and right."""
     digit = load_scene("digit")
     (tip,) = digit.rows or ()
-    rows = tuple(tip.model_copy(update={"edge": edge}) for edge in ("left", "tip", "right"))
-    baseline = digit.baseline.model_copy(update={"lamps": None, "left": "green", "right": "red"})
-    return digit.model_copy(update={"rows": rows, "lamps": None, "baseline": baseline})
+    rows = tuple(unchecked(tip, {"edge": edge}) for edge in ("left", "tip", "right"))
+    baseline = unchecked(digit.baseline, {"lamps": None, "left": "green", "right": "red"})
+    return unchecked(digit, {"rows": rows, "lamps": None, "baseline": baseline})
 
 
 SCENE = an_led_on_each_side()
-COLORED = SCENE.model_copy(
-    update={"coating": SCENE.coating.model_copy(update={"albedo": (0.6, 0.25, 0.45)})}
-)
+COLORED = unchecked(SCENE, {"coating": unchecked(SCENE.coating, {"albedo": (0.6, 0.25, 0.45)})})
 PHI, FLAT = np.array([np.pi / 2]), np.zeros(1)
 
 

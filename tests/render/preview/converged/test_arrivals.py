@@ -16,7 +16,7 @@ from render.preview.diffuser.cache import fiber_ends
 from render.preview.diffuser.emission import radiance_of_nodes
 from render.preview.facet_blur import RINGS, ring_count
 from render.progress import Clock
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.oracles.analog_cells import AnalogScene
 from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.mesh_cells import BentScene
@@ -30,8 +30,8 @@ FLAT = {"angles": {"value": [0.0], "unit": "deg", "source": "flat"}}
 
 def clear_pad(**pad: float) -> Scene:
     """Return a flat pad without a diffuser, with values of ``pad`` in place of its own."""
-    scene = small_scene(bending=FLAT).model_copy(update={"diffuser": None})
-    return scene.model_copy(update={"pad": scene.pad.model_copy(update=pad)})
+    scene = unchecked(small_scene(bending=FLAT), {"diffuser": None})
+    return unchecked(scene, {"pad": unchecked(scene.pad, pad)})
 
 
 def from_block(scene: Scene, points: np.ndarray) -> np.ndarray:
@@ -100,8 +100,8 @@ def test_rings_that_leave_the_pad_end_at_its_side() -> None:
     scene = clear_pad(roughness=0.3, thickness=6.0)
     half = 0.5 * np.array([scene.pad.width, scene.pad.length])
     away = half[0] - 1.5 * scene.indenter.radius - declared_sites(scene)[:, 0].max()
-    moved = scene.sites.model_copy(update={"centre_x": scene.sites.centre_x + away})
-    scene = scene.model_copy(update={"sites": moved})
+    moved = unchecked(scene.sites, {"centre_x": scene.sites.centre_x + away})
+    scene = unchecked(scene, {"sites": moved})
     corners = from_block(scene, receivers_at(scene, 0.0).corners)[..., :2]
     near = int(np.argmax(declared_sites(scene)[:, 0]))
     starts = [
@@ -235,8 +235,8 @@ def test_what_belongs_to_the_exit_field_and_what_flies_is_all_light(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene = small_scene(bending=FLAT)
-    layer = scene.diffuser.model_copy(update={"thickness": 0.75})  # type: ignore[union-attr]
-    thin = scene.model_copy(update={"diffuser": layer})
+    layer = unchecked(scene.diffuser, {"thickness": 0.75})  # type: ignore[union-attr]
+    thin = unchecked(scene, {"diffuser": layer})
     effort, phi = Effort(photons=40_000, paths=256, arrivals=1_200_000), np.array([1.0, 2.0])
     parted = transport_at(thin, 0.0, phi, effort, quiet())
     assert (parted.grain > 0.0).all()

@@ -18,7 +18,7 @@ from render.preview.converged.color_noise import (
     halved_product,
 )
 from render.progress import Clock, Progress
-from render.scene import Scene
+from render.scene import Scene, unchecked
 from tests.oracles.random_scenes import random_scene
 from tests.surrogate.conftest import small_scene
 
@@ -28,7 +28,7 @@ SEEDS = 8
 
 
 def clear() -> Scene:
-    return small_scene(bending=FLAT).model_copy(update={"diffuser": None})
+    return unchecked(small_scene(bending=FLAT), {"diffuser": None})
 
 
 def followed(scene: Scene, bend: float, effort: Effort, seed: int = 0) -> ConvergedTransport:

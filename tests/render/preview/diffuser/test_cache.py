@@ -12,7 +12,7 @@ from render.preview.diffuser.basis import MIRROR_ALONG, directional_terms, momen
 from render.preview.diffuser.cache import slab_response
 from render.preview.diffuser.emission import emit_from_fiber
 from render.preview.diffuser.random_walk import walk
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, unchecked
 from render.scene.faces import NamedFaces
 from tests.oracles.pads import scene_of_case
 
@@ -83,8 +83,8 @@ def test_another_material_has_a_file_of_its_own(
     scene: Scene, cached: tuple[Path, SlabResponse]
 ) -> None:
     path, response = cached
-    layer = scene.diffuser.model_copy(update={"sigma_a": 0.1})
-    darker = scene.model_copy(update={"diffuser": layer})
+    layer = unchecked(scene.diffuser, {"sigma_a": 0.1})
+    darker = unchecked(scene, {"diffuser": layer})
     other = slab_response(darker, cache=path.parent, rays=FEW)
     assert len(list(path.parent.glob("slab-*.npz"))) == 2
     assert other.power(np.array(1.5)) < response.power(np.array(1.5))
@@ -140,15 +140,15 @@ def test_another_seed_changes_the_response_little(scene: Scene, response: SlabRe
 
 
 def test_an_opaque_layer_is_an_error_that_names_it(scene: Scene, tmp_path: Path) -> None:
-    layer = scene.diffuser.model_copy(update={"sigma_a": 10.0})
+    layer = unchecked(scene.diffuser, {"sigma_a": 10.0})
     with pytest.raises(RenderError, match=r"lets only .* allowed: at least 1e-06"):
-        slab_response(scene.model_copy(update={"diffuser": layer}), cache=tmp_path, rays=FEW)
+        slab_response(unchecked(scene, {"diffuser": layer}), cache=tmp_path, rays=FEW)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_scene_without_diffuser_has_no_response(scene: Scene) -> None:
     with pytest.raises(RenderError, match="has no diffuser"):
-        slab_of(scene.model_copy(update={"diffuser": None}))
+        slab_of(unchecked(scene, {"diffuser": None}))
 
 
 def test_the_layer_of_an_edge_has_the_roughness_of_its_faces() -> None:
@@ -158,7 +158,7 @@ def test_the_layer_of_an_edge_has_the_roughness_of_its_faces() -> None:
         0,
     )
     edge = NamedFaces.model_construct(on=("tip",), roughness=0.3)
-    scene = scene.model_copy(update={"faces": (*(scene.faces or ()), edge)})
+    scene = unchecked(scene, {"faces": (*(scene.faces or ()), edge)})
     assert slab_of(scene, "tip").outer_roughness == 0.3
     assert slab_of(scene, "left").outer_roughness == 0.1
     assert slab_of(scene, "tip").roughness == 0.1
