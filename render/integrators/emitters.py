@@ -395,7 +395,7 @@ class Emission:
 def _has_medium(part: mi.Shape | mi.Endpoint | None) -> bool:
     """Return whether light may be in a medium at a shape, an emitter or a camera."""
     if isinstance(part, mi.Shape):
-        if part.is_instance():  # its group is not shown
+        if class_of(part) == "Instance":  # its group is not shown
             return True
         return part.interior_medium() is not None or part.exterior_medium() is not None
     return part is not None and part.get_medium() is not None

@@ -90,6 +90,7 @@ def test_a_dot_that_presses_nothing_names_its_unit(scene: Scene, tmp_path: Path)
     [
         ("obj", "# Units: inches"),
         ("obj", "#   File units = in"),
+        ("obj", "# units are in inches"),
         ("ply", "comment unit: inch"),
         ("stl", "solid ball units=inches"),
     ],
@@ -174,3 +175,10 @@ def test_materials_and_pictures_beside_a_mesh_are_not_opened(
     (tmp_path / "a.obj").write_text(f"mtllib a.mtl\nusemtl a\n{corners}f 1/1 2/1 3/1\n")
     monkeypatch.setattr(Image, "open", refuse)
     assert len(read_mesh(tmp_path / "a.obj")[0].faces) == 1
+
+
+@pytest.mark.parametrize("remark", ["# Units in mm", "# units are in millimeters", "# units of mm"])
+def test_units_in_mm_are_no_inches(tmp_path: Path, remark: str) -> None:
+    body = trimesh.creation.icosphere(subdivisions=1, radius=2.0)
+    (tmp_path / "ball.obj").write_text(f"{remark}\n{body.export(file_type='obj')}")
+    assert read_mesh(tmp_path / "ball.obj")[1] == "mm"

@@ -94,3 +94,9 @@ def test_a_deep_photograph_among_shallow_ones_raises_one_clear_error() -> None:
     photos = {Path("dark.png"): Photo(stored(0.1, 16)), NAME: Photo(stored(0.8))}
     with pytest.raises(CaptureError, match=r"dark.png has values up to .* --full-scale"):
         full_scale(photos)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_nearly_black_photographs_are_not_over_exposed(kind: type) -> None:
+    levels = np.random.default_rng(1).integers(0, 3, (60, 40, 3)).astype(kind)
+    check_exposure({NAME: Photo(levels, np.zeros(3))}, 4095.0)

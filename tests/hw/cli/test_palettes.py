@@ -83,7 +83,8 @@ def test_calibration_recovers_the_response_and_the_powers(
 ) -> None:
     path, out = rig_scene(tmp_path, name, "gelsight-mini"), tmp_path / "out"
     result = tactilux("hw", "demo", "--calibrate", "--scene", path, "--rig-samples", "300",
-                      "--samples", "0", "--out", out, "--keep", tmp_path / "kept", "--json")  # fmt: skip
+                      "--samples", "0", "--out", out, "--keep", tmp_path / "kept",
+                      "--json")  # fmt: skip
     assert result.code == 0, result.err
     said, scene = json.loads(result.out), load_scene(path)
     assert all(check["ok"] == (one == "healthy") for one, check in said["checks"].items())

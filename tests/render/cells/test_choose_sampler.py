@@ -63,6 +63,13 @@ def test_lamps_whose_light_leaves_are_not(monkeypatch: pytest.MonkeyPatch) -> No
     check_rendered(scene_of_case("cast in index 1.7"), [0.5])
 
 
+def test_mirrors_beside_a_bent_pad_still_face_each_other() -> None:
+    scene = scene_of_case("cast in between mirrors")
+    for bend in (0.02, 0.8):
+        with pytest.raises(RenderError, match="the mirrors left and right"):
+            check_rendered(scene, [bend])
+
+
 def test_markov_chains_stay_with_one_lamp_at_a_time(mono: ModuleType) -> None:
     from render.cells.cell_sampler import CellSampler
     from render.cells.clear.clear_cells import ClearCells

@@ -102,3 +102,17 @@ def test_the_medium_that_the_camera_is_in_has_no_end(mono: ModuleType) -> None:
     boxes = MediumBoxes(scene, sensor)
     found = boxes.transmittance(v, mono.Point3f(5.0, 0.0, 20.0), mono.Bool(True))
     assert found[0] == pytest.approx(np.exp(-2.0), rel=1e-4)
+
+
+def test_a_medium_in_a_group_of_shapes_is_one_of_the_scene(mono: ModuleType) -> None:
+    from render.integrators.emitters import Emission
+
+    fog = {"type": "homogeneous", "sigma_t": 1.0}
+    ball = {"type": "sphere", "bsdf": {"type": "null"}, "interior": fog}
+    grouped = {
+        "group": {"type": "shapegroup", "ball": ball},
+        "there": {"type": "instance", "ref": {"type": "ref", "id": "group"}},
+    }
+    light = {"light": {"type": "point"}}
+    assert Emission(mono.load_dict({"type": "scene"} | light | grouped)).media
+    assert not Emission(mono.load_dict({"type": "scene"} | light)).media

@@ -118,3 +118,10 @@ def test_a_calibrated_width_takes_its_place() -> None:
     raw: dict[str, Any] = {"fibers": {"half_angle": {"value": 30.0, "unit": "deg", "source": "x"}}}
     _put(raw, ("fibers", "sigma_v"), 17.0, "calibrated")
     assert raw == {"fibers": {"sigma_v": {"value": 17.0, "unit": "deg", "source": "calibrated"}}}
+
+
+def test_a_beam_is_varied_by_either_of_its_angles() -> None:
+    scene = load_scene("finger20")
+    wider = scene.with_(fibers_half_angle=25.0)
+    assert wider.hash != scene.hash
+    assert wider.with_(fibers_sigma_v=15.0).hash == scene.hash
