@@ -73,6 +73,7 @@ class Row:
         held: fraction of 95 % intervals that hold the truth, and how many there are; likewise.
         variance: median over facets of the squared relative standard error; likewise.
         seconds: of one core, kernels compiled; ``first`` those of a first run that compiles them.
+            None where other programs ran beside it.
         memory: largest resident size of the process in MiB.
         refused: the sentence, where the level says that it cannot.
     """
@@ -85,14 +86,16 @@ class Row:
     rms_z: float | None = None
     held: tuple[float, int] | None = None
     variance: float | None = None
-    seconds: float = math.nan
-    first: float = math.nan
-    memory: float = math.nan
+    seconds: float | None = None
+    first: float | None = None
+    memory: float | None = None
     refused: str | None = None
 
     @property
-    def cost(self) -> float:
+    def cost(self) -> float | None:
         """Relative variance times seconds; where no noise is stated the seconds."""
+        if self.seconds is None:
+            return None
         return self.seconds * (1.0 if self.variance is None else self.variance)
 
     def line(self) -> str:
@@ -110,7 +113,8 @@ class Row:
         return (
             f"{self.scene:40.40} {self.level:9} {ratio(self.facets)}  {ratio(self.sites)} "
             f"{number(self.off, '.1%')} {number(self.rms_z, '.2f')} {number(held, '.1%')} "
-            f"{self.seconds:8.2f} {self.cost:9.2e} {self.first:7.1f} {self.memory:7.0f}"
+            f"{number(self.seconds, '.2f')} {number(self.cost, '9.2e')} "
+            f"{number(self.first, '.1f')} {number(self.memory, '.0f')}"
         )
 
 
@@ -303,7 +307,7 @@ def judged(now: Row, before: Row | None) -> list[str]:
         if stats.binom.cdf(round(held * count), count, min(before.held[0], 0.95)) < 1e-3:
             found.append(f"held {before.held[0]:.1%} -> {held:.1%}")
     allowed = DEARER.get(now.scene.split()[0], DEARER_PADS)
-    if now.cost > allowed * before.cost:
+    if now.cost and before.cost and now.cost > allowed * before.cost:
         found.append(f"cost {now.cost / before.cost:.2f} times, allowed {allowed:g}")
     return found
 
