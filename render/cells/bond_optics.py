@@ -55,11 +55,6 @@ class WindowBond:
         along = (1.0 - dr.square(pad_cos)) / dr.square(self.ratio)
         return dr.sqrt(dr.maximum(1.0 - along, 0.0))
 
-    def pad_cos(self, window_cos: mi.Float) -> mi.Float:
-        """Return the cosine in the pad of light with that in the window."""
-        along = dr.square(self.ratio) * (1.0 - dr.square(window_cos))
-        return dr.sqrt(dr.maximum(1.0 - along, 0.0))
-
     def passed(self, pad_cos: mi.Float) -> mi.Float:
         """Return what the bond lets through; the cosine is that in the pad."""
         return 1.0 - mi.fresnel(dr.abs(pad_cos), self.ratio)[0]

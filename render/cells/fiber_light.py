@@ -156,15 +156,6 @@ class FiberLight:
         beam = self.beam_of(fiber, mi.UInt32(0))
         return dr.dot(offset, beam) / dr.dot(d, beam)
 
-    def distance(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f) -> mi.Float:
-        """Return how far (mm) from ``o`` rays along ``d`` pass through a fiber, as in `passed`."""
-        offset = self.center_of(fiber) - o
-        ahead = dr.dot(offset, d)
-        if self.still is None:
-            return ahead
-        still = dr.gather(mi.Bool, self.still, fiber)
-        return dr.select(still, self._to_plane(fiber, offset, d), ahead)
-
     def passed(self, fiber: mi.UInt32, o: mi.Point3f, d: mi.Vector3f, end: mi.Float) -> mi.Bool:
         """Return whether rays ``(o, d)`` of length ``end`` (mm) pass through a fiber's end face.
 
