@@ -279,11 +279,11 @@ def picture(
     """
     from optimize.ui.console import shown_progress
     from render.arguments import as_number, as_whole
+    from render.choose_exposure import scene_scale
     from render.errors import RenderError
     from render.metric import clip_counts
     from render.preview import Preview
     from render.reference import render_image, smoothed
-    from render.scale import scene_scale
     from render.scene import as_scene
 
     sensor = as_scene(scene)

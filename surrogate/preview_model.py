@@ -18,6 +18,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.chebyshev import interpolation_weights
+from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.files import read_or_drop, write_npz
 from render.metric import clip_counts, design_score, site_metric
 from render.preview.converged import (
@@ -28,7 +29,6 @@ from render.preview.converged import (
 )
 from render.preview.diffuser.cache import cache_folder
 from render.progress import OnProgress, in_stage
-from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
 from surrogate.model.lamp_copies import copied, split_power

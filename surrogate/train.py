@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.chebyshev import interpolation_weights
+from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.errors import TableError
 from render.geometry import counted_sites
 from render.metric import THESIS, superposed
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget, check_rendered
-from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.export.model_card import Provenance, describe_model, write_card

@@ -176,7 +176,7 @@ def run(
 
 def _scene_exposure(scene: Scene) -> float | None:
     """Return the scene's exposure, so that its pictures compare; None where it is not known."""
-    from render.scale import scene_scale
+    from render.choose_exposure import scene_scale
 
     try:
         return scene_scale(scene).exposure

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optimize.design import ScoreSettings
+from render.choose_exposure import scene_scale
 from render.errors import RenderError, SceneError, TableError
 from render.files import read_json, write_json
 from render.progress import OnProgress, in_stage
-from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.preview_model import few_paths_checker, preview_checker

@@ -34,8 +34,8 @@ from optimize.verification.verification_loop import (
     SceneRefit,
     VerificationLoop,
 )
+from render.choose_exposure import scene_scale
 from render.geometry import fiber_edges
-from render.scale import scene_scale
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker

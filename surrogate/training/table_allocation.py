@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from render.arrays import Array
+from render.choose_exposure import ScoreScale
 from render.geometry import is_mirror_symmetric, mirror_image
 from render.metric import THESIS
 from render.metric_gradient import score_by_counts
-from render.scale import ScoreScale
 from render.scene import Scene
 from surrogate.model.lamp_copies import split_power
 from surrogate.model.preview_grid import PreviewGrid

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from render.chebyshev import chebyshev_nodes
+from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.metric import design_score, image_counts, site_metric
 from render.preview import Preview
 from render.preview.converged import (
@@ -23,7 +24,6 @@ from render.preview.converged import (
     transport_at,
 )
 from render.progress import Clock, Progress
-from render.scale import ScoreScale, baseline_power, scene_scale
 from render.scene import Scene, unchecked
 from surrogate.model.checker_module import CheckerModule
 from surrogate.model.facet_basis import SIZE

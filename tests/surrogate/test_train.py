@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from render.choose_exposure import scene_scale
 from render.errors import ModelError, TableError
 from render.geometry import counted_sites
 from render.preview.converged import Effort, cache, converged_transport
 from render.progress import Progress
 from render.reference import TimeBudget, TransportEstimate
-from render.scale import scene_scale
 from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable, load_table
 from surrogate.export import package
@@ -199,8 +199,8 @@ def test_time_that_networks_leave_is_rendered_and_the_longer_plan_is_kept(
 def test_the_loaded_model_scores_the_baseline_like_its_training_data(
     trained: Trained, scene: Scene, reference: TransportTable
 ) -> None:
+    from render.choose_exposure import baseline_power
     from render.metric import design_score, image_counts, site_metric
-    from render.scale import baseline_power
 
     checker = Checker.load(trained.folder, scene.hash)
     phi = np.full((1, scene.lamp_count), np.pi / 2)

@@ -23,10 +23,10 @@ import pytest
 from scipy import stats
 from scipy.stats import kendalltau
 
+from render.choose_exposure import baseline_power, scene_scale
 from render.files import read_or_drop, write_npz
 from render.geometry import counted_sites
 from render.metric import clip_counts, design_score, site_metric
-from render.scale import baseline_power, scene_scale
 from render.scene import Scene, load_scene
 from surrogate.preview_interval import COVERAGE
 from surrogate.preview_model import (

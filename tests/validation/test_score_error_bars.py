@@ -14,8 +14,8 @@ import numpy as np
 
 from optimize.design import ScoreSettings
 from optimize.scoring import noise_doubt, paired_difference, rendered_score
+from render.choose_exposure import baseline_power, scene_scale
 from render.noise_share import noise_share
-from render.scale import baseline_power, scene_scale
 from surrogate.preview_model import preview_checker
 from surrogate.training.evaluation import random_colors
 from tests.validation.test_preview_model import checker_transport, sensor

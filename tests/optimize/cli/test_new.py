@@ -24,10 +24,10 @@ from optimize.design import baseline_design
 from optimize.exploration import explore
 from optimize.mounting import drilling_jig, stl_bytes
 from optimize.scoring import open_model
+from render.choose_exposure import scene_scale
 from render.describe import describe, skin_tested, stale_sources
 from render.errors import SceneError
 from render.geometry import camera_coverage, counted_sites
-from render.scale import scene_scale
 from render.scene import load_scene, sources
 from render.scene.new_scene import LAMPS, QUESTIONS, Answers, scene_file
 from render.scene.scene_file import scene_from_text

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from render.choose_exposure import scene_scale
 from render.files import read_npz
-from render.scale import scene_scale
 from render.scene import load_scene
 
 Run = Callable[..., Any]

@@ -13,8 +13,8 @@ import pytest
 
 from optimize.design import load_design_file, load_layout
 from optimize.scoring import find_model
+from render.choose_exposure import scene_scale
 from render.errors import DesignError, ModelError
-from render.scale import scene_scale
 from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.runtime import Checker

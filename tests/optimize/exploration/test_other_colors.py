@@ -11,8 +11,8 @@ from optimize.exploration import explore
 from optimize.mounting import mount, wiring_csv
 from optimize.report.exploration_report import explore_pictures
 from optimize.scoring import open_model
+from render.choose_exposure import baseline_power, scene_scale
 from render.metric import site_metric
-from render.scale import baseline_power, scene_scale
 from tests.colored_scenes import mono
 
 

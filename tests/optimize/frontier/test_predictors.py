@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from optimize.frontier.predictors import FEW, FEW_RENDERS, SCALE_TOLERANCE, _few_renders, _Setup
-from render.scale import scene_scale
+from render.choose_exposure import scene_scale
 from render.scene import Scene, load_scene, shipped_scenes
 from surrogate.runtime import Checker
 from surrogate.train import TrainConfig

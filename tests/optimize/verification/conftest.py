@@ -9,8 +9,8 @@ import pytest
 
 from optimize.design import baseline_design
 from render.chebyshev import chebyshev_nodes
+from render.choose_exposure import scale_of
 from render.preview import Preview
-from render.scale import scale_of
 from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid

@@ -14,8 +14,8 @@ from optimize.verification.design_renders import (
     DesignRenders,
 )
 from optimize.verification.thesis import thesis_on_table, thesis_procedure
+from render.choose_exposure import scene_scale
 from render.geometry import fiber_edges
-from render.scale import scene_scale
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from tests.optimize.verification.pretended_renders import pretended

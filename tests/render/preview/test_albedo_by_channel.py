@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from render.choose_exposure import baseline_power, scene_scale
 from render.preview import Preview
 from render.preview.converged import Effort, task_count, transport_at
 from render.progress import Clock
-from render.scale import baseline_power, scene_scale
 from render.scene import Scene
 from tests.colored_skins import ALBEDOS, skin_of, stacked
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from render.choose_exposure import ScoreScale, scene_scale
 from render.geometry import counted_sites, flat_fiber_poses, fresnel
 from render.preview import Preview
 from render.preview.converged import Effort
 from render.preview.facet_blur import facet_blur
 from render.preview.shading_points import ShadingPoints
-from render.scale import ScoreScale, scene_scale
 from render.scene import Scene, unchecked
 from tests.oracles.pads import content_of_case, scene_of_case
 

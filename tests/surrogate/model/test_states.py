@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from render.choose_exposure import ScoreScale
 from render.errors import ModelError, TableError
 from render.metric import THESIS, image_counts
 from render.preview import Preview
-from render.scale import ScoreScale
 from render.scene import Scene, load_scene
 from render.transport import TransportTable
 from surrogate.model.checker_module import CheckerModule

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from render.cells.sample_shares import floored_shares
+from render.choose_exposure import ScoreScale, scene_scale
 from render.geometry import mirror_image
 from render.metric import design_score, image_counts, site_metric
 from render.progress import OnProgress
 from render.reference import RenderJob, TimeBudget
-from render.scale import ScoreScale, scene_scale
 from render.scene import Scene, load_scene, unchecked
 from surrogate.model.lamp_copies import copied, split_power
 from surrogate.model.preview_grid import PreviewGrid, draw_grid

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from render.choose_exposure import baseline_power, scene_scale
 from render.errors import TableError
 from render.metric import image_counts, metric_terms
 from render.preview import Preview
-from render.scale import baseline_power, scene_scale
 from render.scene import Scene, scene_text, unchecked
 
 

@@ -1,11 +1,10 @@
 """Exposure and lambda: the scale of a scene's scores, fixed by its preview alone.
 
-Scores can only be compared on one scale, so the scale is a property of the scene: two files of one
+Scores can only be compared on one scale, so the scale is a property of the scene. Two files of one
 hash have the same, whatever was rendered of them and however noisily. It is taken from the preview
-(level 0) as it is drawn, which is free of noise. Under a window of another index than the pad's,
-where that may lack a third of the light, it is taken from light that is followed, a fixed number
-of paths from fixed random numbers. Where the preview is too bright or too dark by a factor, renders
-of the baseline reach 230 counts divided or multiplied by it, and all designs alike;
+(level 0), which is free of noise; under a window of another index than the pad's, where that may
+lack a third of the light, from a fixed number of traced paths. Where the preview is too bright or
+too dark by a factor, renders of the baseline reach 230 counts divided or multiplied by it.
 ``tactilux train`` says how much they reach, and clipped facets are counted wherever scores are.
 """
 
