@@ -214,7 +214,8 @@ class WledFirmware:
         idle = OWN_MILLIAMPERES + self._leds
         wanted = bright * self._frame().sum() / (3 * 255) * LED_MILLIAMPERES
         scale = min(1.0, (limit - idle) / wanted) if wanted else 1.0
-        leds.update(maxpwr=limit, pwr=int(scale * wanted + idle))
+        counted = OWN_MILLIAMPERES if self._tree["info"]["ver"].startswith("0.15.") else idle
+        leds.update(maxpwr=limit, pwr=int(scale * wanted + counted))
         return bright * scale
 
     def _packed(self) -> list[int]:

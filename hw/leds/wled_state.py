@@ -7,6 +7,7 @@ Fields are named as in its JSON API: ``state`` and ``info``, ``seg`` the segment
 from __future__ import annotations
 
 import math
+import re
 import reprlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -207,15 +208,22 @@ def _end(seg: Mapping[str, Any]) -> float | None:
 def _limiter(levels: Levels, tree: Mapping[str, Any]) -> Iterator[Difference]:
     """Yield that the brightness limiter is at its limit.
 
-    Dimmed, WLED draws its limit, less what versions do not count (1 mA per LED) and less up to two
-    of its 255 steps of brightness.
+    Dimmed, WLED says that it draws its limit: exactly since 16, until then less up to two of 255
+    steps of brightness. 0.15 does not count what a dark LED draws, 1 mA; nor may 0.16, a version of
+    its developers.
     """
     drawn = number_at(tree, "info.leds.pwr") or 0.0
+    outputs = _outputs(tree)
     limit = number_at(tree, "info.leds.maxpwr") or math.fsum(
-        number_at(output, "maxpwr") or 0.0 for output in _outputs(tree)
+        number_at(output, "maxpwr") or 0.0 for output in outputs
     )
-    steps = 2 / 255 * float(levels.sum()) / 255 * FULL_MILLIAMPERES
-    below = (number_at(tree, "info.leds.count") or 0.0) + steps
+    release = re.match(r"(\d{1,3})\.(\d{1,3})\.", str(field_of(tree, "info.ver")))
+    numbers = (0, 15) if release is None else (int(release[1]), int(release[2]))
+    below = float(len(outputs))  # what the controller draws is divided among them, in whole mA
+    if numbers < (16, 0):
+        below = 2 / 255 * float(levels.sum()) / 255 * FULL_MILLIAMPERES
+    if (0, 15) <= numbers < (16, 0):
+        below += number_at(tree, "info.leds.count") or 0.0
     if limit > 0 and drawn > 0 and drawn >= limit - below:
         mend = (
             "give the limiter the supply's current, or switch it off, under LED preferences in "

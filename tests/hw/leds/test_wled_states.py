@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -103,6 +105,24 @@ def test_what_is_not_refused_is_shown(tmp_path: Path, state: str) -> None:
     with serial_board(tmp_path, state) as (board, rig):
         board.show(COLORS)
         np.testing.assert_array_equal(rig.levels, COLORS)
+
+
+@pytest.mark.parametrize(
+    ("version", "margin"), [("0.13.3", 60), ("0.14.4", 60), ("16.0.1", 2), ("0.15.5", 240)]
+)
+def test_a_long_string_near_its_limit_is_shown_and_a_dimmed_one_is_not(
+    version: str, margin: int
+) -> None:
+    levels = np.full((200, 3), 100, dtype=np.uint8)
+    wanted = int(100 + 200 + 200 * 100 / 255 * 55)
+    for limit, dimmed in ((wanted + margin, False), (wanted - 20, True)):
+        firmware = WledFirmware(200, {"info.ver": version, "cfg.hw.led.maxpwr": limit})
+        segment = {"id": 0, "on": True, "bri": 255, "i": [0, 200, "646464"]}
+        request = {"on": True, "bri": 255, "transition": 0, "seg": segment}
+        firmware.take(json.dumps(request).encode() + b"\n", 0.0)
+        pages = {name: cast("dict[str, Any]", firmware.page(name)) for name in ("state", "info")}
+        found = list(differences(levels, pages, cast("dict[str, Any]", firmware.page("cfg"))))
+        assert [one.field for one in found] == ["info.leds.pwr"] * dimmed
 
 
 def test_gamma_and_an_unused_limiter_leave_full_levels_alone() -> None:
