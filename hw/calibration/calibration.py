@@ -57,7 +57,7 @@ class Sweeps:
 
 
 def calibrate_sets(
-    scene_name: str,
+    scene: Scene,
     sweeps: Sweeps,
     *,
     design: Path | None,
@@ -72,7 +72,7 @@ def calibrate_sets(
     the polynomial needs) are rendered to correct the fit for all rigs of the same design, with
     ``samples`` light paths per fiber and cell (0: neither corrected nor confirmed).
     """
-    scene = load_scene(scene_name)
+    kept = standalone(scene)
     lighting = baseline_design(scene) if design is None else load_design(design, scene)
     setup = Setup(scene, lighting.phi, sweeps.bends)
     materials = materials or setup.one_albedo.space.enough
@@ -112,9 +112,9 @@ def calibrate_sets(
         response = measured_response(scene, sweeps.by_color, skin)
     today = date.today().isoformat()
     with fresh_directory(target) as work:
-        for name, content in standalone(scene_name).files.items():
+        for name, content in kept.files.items():
             write_bytes(work / name, content)
-        write_text(work / "scene.toml", calibrated_toml(scene_name, scene, found, today, response))
+        write_text(work / "scene.toml", calibrated_toml(kept.text, scene, found, today, response))
         result = {
             "scene": str(target / "scene.toml"),
             "report": str(target / "report.html"),
@@ -206,17 +206,17 @@ SUFFIX = "-calibrated"
 
 
 def calibrated_toml(
-    source: str | Path,
+    text: str,
     scene: Scene,
     found: Calibration,
     date: str,
     response: Response | None = None,
 ) -> str:
-    """Return the text of the scene file in ``source`` with the fitted values put in.
+    """Return the ``text`` of a scene file with the fitted values put in.
 
-    ``scene`` is what the file holds; the ISO ``date`` is written beside each value.
+    ``scene`` is what it holds; the ISO ``date`` is written beside each value.
     """
-    raw, space = tomllib.loads(standalone(source).text), found.space
+    raw, space = tomllib.loads(text), found.space
     values = zip(space.quantities, space.places, space.factors, strict=True)
     best = space.told(found.material)
     for number, (one, places, factor) in enumerate(values):

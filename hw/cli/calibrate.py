@@ -82,7 +82,7 @@ def run(
         from hw.calibration.calibration import Sweeps, calibrate_sets
 
         result = calibrate_sets(
-            scene_name,
+            scene,
             Sweeps(
                 by_bend=photos,
                 bends=np.array([0.0, math.radians(bend)][: len(photos)]),

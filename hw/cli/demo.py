@@ -115,7 +115,7 @@ def run(
         result: dict[str, Any] = {}
         if sweeps is not None:
             result = calibrate_sets(
-                scene_name, sweeps, design=None, model=model, target=target,
+                scene, sweeps, design=None, model=model, target=target,
                 materials=renders.materials, samples=renders.samples,
             )  # fmt: skip
             result["truth"] = compare_with_truth(scene, result, truth)

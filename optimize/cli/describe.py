@@ -29,7 +29,7 @@ def run(
         if out is not None:
             # Drawn first: a camera that sees no site is refused, and the drawing says why.
             write_result(out, sensor_svg(scene, dark=True).encode())
-        description = describe(scene, sources(scene_name))
+        description = describe(scene, sources(scene))
         if as_json:
             print_json(stream, description.to_json())
         else:

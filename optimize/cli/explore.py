@@ -50,12 +50,13 @@ def run(
     from optimize.ui.output import check_target, design_in
     from render.describe import stale_sources
     from render.preview.gl import create_context
-    from render.scene import load_scene, sources
+    from render.scene import load_scene, sources, standalone
 
     began = time.monotonic()
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        for told in stale_sources(scene, sources(scene_name)):
+        kept = standalone(scene)
+        for told in stale_sources(scene, sources(scene)):
             note(told)
         if robust is not None:
             for told in usual_tolerances_note(scene):
@@ -89,7 +90,7 @@ def run(
                 keep_other = design_in(target / DESIGN) == earlier
                 result = write_exploration(
                     found,
-                    scene_name,
+                    kept,
                     target,
                     lambda: time.monotonic() - began,
                     keep_other=keep_other,

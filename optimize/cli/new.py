@@ -89,7 +89,7 @@ def run(
             print_json(stream, result | {"file": str(path), "sites": sites})
             return
         word = shlex.quote(str(path))
-        assumed = sum(source.startswith("assumed") for source in sources(path).values())
+        assumed = sum(source.startswith("assumed") for source in sources(scene).values())
         first = scene.placed_lamps()[0]
         stream.write(
             f"{counted(sites, 'site')} on {skin_tested(scene):.0%} of the skin; "

@@ -62,10 +62,11 @@ def run(
         reference_renders,
     )
     from render.reference import TimeBudget, ensure_llvm
-    from render.scene import load_scene
+    from render.scene import load_scene, standalone
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        kept = standalone(scene)
         if method != "loop" and scene.constraints is not None:
             raise SceneError(
                 f"scene {scene.name} has constraints, which the thesis's procedure does not know: "
@@ -103,7 +104,7 @@ def run(
                 on_candidate=lambda *at: bar.note(_candidate_text(*at)),
             )
             bar.note("  drawing pictures and the report")
-            result = write_optimization(scene, found, checker, scene_name, target)
+            result = write_optimization(scene, found, checker, kept, target)
         if as_json:
             print_json(stream, result)
         else:

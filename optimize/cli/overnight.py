@@ -76,7 +76,7 @@ def run(
         note(f"Everything is kept in {target}; interrupted, the same command goes on from there")
         try:
             result = overnight(
-                scene_name,
+                scene,
                 target,
                 hours=None if samples else hours or 8.0,
                 samples=samples,

@@ -7,22 +7,26 @@ from pathlib import Path
 
 from render.errors import SceneError
 from render.files import parse_toml, read_text, write_bytes
-from render.scene import load_scene, shipped_scenes, standalone
+from render.scene import StandaloneScene, load_scene, shipped_scenes
 
 SCENE = "scene.toml"
 """The copy in the folder of a run."""
 
 
-def keep_scene(run: Path, name_or_path: str | Path) -> None:
-    """Copy a scene file into ``run``, with its comments and sources, unless it is there.
+def keep_scene(run: Path, scene: StandaloneScene) -> None:
+    """Write a scene file into ``run``, with its comments and sources, unless it is there.
 
     The files that it names come with it, so that ``run`` may go elsewhere alone.
     """
-    scene = standalone(name_or_path)
     # The scene last: where it lies, its files do.
     for name, content in {**scene.files, SCENE: scene.text.encode()}.items():
         if not (run / name).is_file() or (run / name).read_bytes() != content:
             write_bytes(run / name, content)
+
+
+def kept_name(scene: StandaloneScene, run: Path) -> str:
+    """Return what commands take for a scene that ``run`` keeps, whatever becomes of its file."""
+    return scene.origin if scene.origin in shipped_scenes() else str(run / SCENE)
 
 
 def find_scene(named: str, design: Path, scene_hash: str = "") -> str | None:

@@ -42,7 +42,7 @@ from optimize.overnight.workers import StoredRenders, Workers
 from optimize.ui.process import Signals, Stopped
 from render.errors import TactiluxError
 from render.progress import Progress
-from render.scene import Scene, load_scene
+from render.scene import Scene, as_scene, standalone
 from render.transport import TransportTable
 
 EXTEND_FACTOR = 1.05
@@ -52,7 +52,7 @@ REFINE_FACTOR = 1.8
 
 
 def overnight(
-    scene_name: str,
+    scene: Scene | str | Path,
     run: Path,
     *,
     hours: float | None = None,
@@ -72,7 +72,8 @@ def overnight(
         RunError: the directory is in use, for something else, full, read-only or damaged.
         Stopped: a signal asked for the end; what is finished is kept.
     """
-    scene = load_scene(scene_name)
+    scene = as_scene(scene)
+    kept = standalone(scene)
     check_run_directory(run)
     with writing(run):
         run.mkdir(parents=True, exist_ok=True)
@@ -81,7 +82,7 @@ def overnight(
             try:
                 with signals.caught():
                     store = Store(run, _request(scene, seed, samples), log.note)
-                    keep_scene(run, scene_name)
+                    keep_scene(run, kept)
                     result = _work(scene, store, hours, samples, seed, make_workers, signals, log)
                 ended = "finished"
                 return result

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO, Any, Protocol
 
-from optimize.design import PARTS, Design, Rating, keep_scene, level_name, save_design
+from optimize.design import PARTS, Design, Rating, keep_scene, kept_name, level_name, save_design
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.play import PlayPage, write_play
@@ -41,7 +41,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from render.errors import RenderError, TableError
 from render.files import write_bytes, write_text
-from render.scene import Scene
+from render.scene import Scene, StandaloneScene
 from surrogate.runtime import Checker, RankingTest, sha256
 
 DESIGN, BASELINE, REPORT, PLAY = "design.json", "baseline.json", "report.html", "play.html"
@@ -54,7 +54,7 @@ LEGEND = (
 
 def write_exploration(
     exploration: Exploration,
-    scene_file: str,
+    kept: StandaloneScene,
     target: Path,
     elapsed: Callable[[], float],
     *,
@@ -62,7 +62,7 @@ def write_exploration(
 ) -> dict[str, object]:
     """Write everything into ``target`` and return the result for programs.
 
-    ``scene_file`` is the shipped name or the file of the scene; a copy is kept with the designs.
+    ``kept`` is the scene's file as it was read; a copy is kept with the designs.
 
     An earlier result in ``target`` is replaced; where it found another design it is kept under a
     number, unless ``keep_other`` says not to. ``elapsed`` returns the seconds since the command
@@ -70,7 +70,7 @@ def write_exploration(
     """
     scene, first, last = exploration.scene, exploration.stages[0], exploration.stages[-1]
     with fresh_directory(target, keep=DESIGN if keep_other else "") as folder:
-        keep_scene(folder, scene_file)
+        keep_scene(folder, kept)
         save_design(folder / BASELINE, first.design, scene, first.rating)
         save_design(folder / DESIGN, last.design, scene, last.rating)
         pictures = dict(explore_pictures(exploration))
@@ -97,8 +97,8 @@ def write_exploration(
             errors=exploration.checker.metadata.held_out,
             made=datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC"),
             steps=[
-                *verification_steps(target / DESIGN, scene_file, checker.level),
-                *building_steps(target / DESIGN, scene_file),
+                *verification_steps(target / DESIGN, kept_name(kept, target), checker.level),
+                *building_steps(target / DESIGN, kept_name(kept, target)),
             ],
             play=_write_play(exploration, folder),
         )

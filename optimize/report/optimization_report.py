@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from optimize.design import Array, Design, Rating, keep_scene, save_design
+from optimize.design import Array, Design, Rating, keep_scene, kept_name, save_design
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.reconstruction import normal_error, predicted_colors
 from optimize.report.exploration_report import DESIGN, REPORT, score_row
@@ -28,7 +28,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
 from optimize.verification import LoopRound, Optimization, optimization_to_json
 from render.files import write_text
-from render.scene import Scene
+from render.scene import Scene, StandaloneScene
 from surrogate.runtime import Checker
 
 FILES = {
@@ -60,17 +60,21 @@ class _Rendered:
 
 
 def write_optimization(
-    scene: Scene, outcome: Optimization, checker: Checker | None, scene_file: str, target: Path
+    scene: Scene,
+    outcome: Optimization,
+    checker: Checker | None,
+    kept: StandaloneScene,
+    target: Path,
 ) -> dict[str, object]:
     """Write designs, record, report and wiring into ``target``; return the result for programs.
 
     An earlier result in ``target`` is replaced, or kept under a number where it found another
     design. The surrogate prices rounding and says degrees; the thesis can do without. A copy of
-    ``scene_file``, a shipped name or a file, is kept with the designs.
+    ``kept``, the scene's file as it was read, stays with the designs.
     """
     finalists = outcome.finalists
     with fresh_directory(target, keep=DESIGN) as folder:
-        keep_scene(folder, scene_file)
+        keep_scene(folder, kept)
         for name, design in zip(finalists.names, finalists.renders.designs, strict=True):
             file = DESIGN if name == outcome.winner else FILES[name]
             save_design(folder / file, design, scene, finalists.score(name).rating)
@@ -83,7 +87,7 @@ def write_optimization(
             () if checker is None else mounting_error_costs(checker, scene, mounting.design),
             wiring_files(target / DESIGN, no_jig),
         )
-        steps = building_steps(target / DESIGN, scene_file)
+        steps = building_steps(target / DESIGN, kept_name(kept, target))
         write_text(folder / REPORT, _page(scene, outcome, checker, wiring, steps))
         result = optimization_to_json(scene, outcome, target / DESIGN)
         result["report"] = str(target / REPORT)

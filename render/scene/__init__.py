@@ -14,6 +14,6 @@ from render.scene.schema import Scene
 from render.scene.serialization import scene_content, scene_of
 from render.scene.skin import SHAPES, Skin
 from render.scene.skin_mesh import MeshHeights
-from render.scene.standalone import standalone
+from render.scene.standalone import StandaloneScene, standalone
 from render.scene.states import REST, State
 from render.scene.tolerances import Spread, Tolerances

@@ -58,7 +58,7 @@ def scene_from_text(text: str, origin: str, folder: Path) -> Scene:
     Raises:
         SceneError: as `load_scene` does.
     """
-    return _scene_of_content(_parsed(text, origin), origin, folder)
+    return _scene_of_content(_parsed(text, origin), origin, folder, text)
 
 
 def changed_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -67,13 +67,7 @@ def changed_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     Raises:
         SceneError: as `Scene.with_` does.
     """
-    written = scene._written
-    if written is None:
-        raise SceneError(
-            f"{scene.name} was made in memory from another scene, and has no file that could be "
-            "changed: change that scene first",
-            field="scene",
-        )
+    written = written_of(scene)
     content = written.content
     if any(key.startswith("lamps") and not key.startswith(LAMPS_FILE) for key in changes):
         content, _ = _with_listed_lamps(content, written.folder)
@@ -82,7 +76,24 @@ def changed_scene(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     return _scene_of_content(content, f"{scene.name} as changed", written.folder)
 
 
-def _scene_of_content(content: dict[str, Any], origin: str, folder: Path) -> Scene:
+def written_of(scene: Scene) -> Written:
+    """Return the file that ``scene`` was read from, as it was then.
+
+    Raises:
+        SceneError: it has none.
+    """
+    if scene._written is None:
+        raise SceneError(
+            f"{scene.name} was made in memory from another scene, and has no file that could be "
+            "changed: change that scene first",
+            field="scene",
+        )
+    return scene._written
+
+
+def _scene_of_content(
+    content: dict[str, Any], origin: str, folder: Path, text: str | None = None
+) -> Scene:
     raw, lines = _with_listed_lamps(content, folder)
     try:
         context: dict[str, Any] = {
@@ -92,7 +103,7 @@ def _scene_of_content(content: dict[str, Any], origin: str, folder: Path) -> Sce
             "pad_sides": _pad_sides(raw),
         }
         scene = Scene.model_validate(raw, context=context)
-        scene._written = Written(content, folder.absolute())
+        scene._written = Written(content, folder.absolute(), origin, text)
         return scene
     except ValidationError as error:
         problems = _problems(error)
@@ -199,10 +210,10 @@ def _pad_sides(raw: dict[str, Any]) -> tuple[float, float] | None:
     return width, length
 
 
-def sources(name_or_path: str | Path) -> dict[str, str]:
-    """Return the source of every value of a scene file, keyed like ``pad.width``."""
-    raw = _parsed(scene_text(name_or_path), str(name_or_path))
-    return dict(_sources(_with_listed_lamps(raw, Path(name_or_path).parent)[0]))
+def sources(scene: Scene | str | Path) -> dict[str, str]:
+    """Return the source of every value of a scene, keyed like ``pad.width``."""
+    written = written_of(as_scene(scene))
+    return dict(_sources(_with_listed_lamps(written.content, written.folder)[0]))
 
 
 def _sources(content: Any, key: str = "") -> Iterator[tuple[str, str]]:

@@ -7,7 +7,6 @@ meshes of its skin, each relative to the scene file.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -16,7 +15,8 @@ from typing import Any
 from render.errors import SceneError
 from render.files import read_bytes
 from render.scene.lamps_file import LampLines
-from render.scene.scene_file import load_scene, scene_text
+from render.scene.scene_file import as_scene, written_of
+from render.scene.schema import Scene
 from render.small_table import table_text
 
 OUTSIDE = "files"
@@ -25,25 +25,31 @@ OUTSIDE = "files"
 
 @dataclass(frozen=True)
 class StandaloneScene:
-    """A scene file's text as it was written, and the bytes of its files by their relative names.
+    """A scene file's text as it was read, and the bytes of its files by their relative names.
 
-    In ``text`` and in the files nothing is changed but names that lead elsewhere.
+    ``origin`` is the path that it was read from, or a shipped name. In ``text`` and in the files
+    nothing is changed but names that lead elsewhere.
     """
 
+    origin: str
     text: str
     files: Mapping[str, bytes]
 
 
-def standalone(name_or_path: str | Path) -> StandaloneScene:
-    """Return a valid scene's text with all the files that it names.
+def standalone(scene: Scene | str | Path) -> StandaloneScene:
+    """Return a scene's text, as it was when it was read, with all the files that it names.
 
     Raises:
-        SceneError: the scene is none, or a name that leads elsewhere is written in another way
-            than ``file = "..."``.
+        SceneError: the scene is none, or has no file, or a name that leads elsewhere is written in
+            another way than ``file = "..."``.
     """
-    load_scene(name_or_path)  # whatever is wrong with the files is told there
-    text = scene_text(name_or_path)
-    raw, folder = tomllib.loads(text), Path(name_or_path).parent
+    written = written_of(as_scene(scene))
+    if written.text is None:
+        raise SceneError(
+            f"{written.origin} has no file that could be kept: write one and load that",
+            field="scene",
+        )
+    text, raw, folder = written.text, written.content, written.folder
     table = raw.get("lamps_file")
     listed = LampLines.read(folder, table).lamps if table is not None else ()
     bodies = [raw.get("skin", {}), *raw.get("states", ())]
@@ -64,7 +70,7 @@ def standalone(name_or_path: str | Path) -> StandaloneScene:
         text = _renamed(text, "file", name, kept[name])
     if table is not None:
         text = _renamed(text, "lamps_file", table, kept[table])
-    return StandaloneScene(text, files)
+    return StandaloneScene(written.origin, text, files)
 
 
 def _profiles(lamps: Any) -> Iterator[str]:

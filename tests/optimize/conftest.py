@@ -29,7 +29,7 @@ from render.metric import (
     image_counts,
     site_metric,
 )
-from render.scene import Scene, load_scene
+from render.scene import Scene, load_scene, standalone
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 
@@ -200,7 +200,7 @@ def night_report(
 ) -> Path:
     """Return the report of the night, made from its files."""
     run = tmp_path_factory.mktemp("night")
-    keep_scene(run, "finger20")
+    keep_scene(run, standalone("finger20"))
     finished_night.save(run)
     return write_report(OvernightResult.load(run), run)
 
@@ -209,7 +209,7 @@ def night_report(
 def run_directory(tmp_path: Path, finished_night: OvernightResult) -> Path:
     """Return a directory in which the night is kept."""
     run = tmp_path / "run"
-    keep_scene(run, "finger20")
+    keep_scene(run, standalone("finger20"))
     finished_night.save(run)
     return run
 

@@ -16,7 +16,7 @@ from optimize.report import write_exploration, write_optimization
 from optimize.scoring import search_table
 from optimize.search import AlternatingResult, SearchStep
 from optimize.verification import DesignRenders, FinalistEvaluation, Optimization
-from render.scene import Scene
+from render.scene import Scene, standalone
 from surrogate.runtime import Checker
 from tests.optimize.browser import SCREENS, look, pale_text
 
@@ -61,7 +61,7 @@ def explore_report(
     search = AlternatingResult(turned, stages[-1].rating.score, steps, True)
     found = Exploration(finger20, finger20_checker, stages, search, 0, 4.0)
     target = tmp_path_factory.mktemp("explore") / "run"
-    write_exploration(found, "finger20", target, lambda: 4.0)
+    write_exploration(found, standalone("finger20"), target, lambda: 4.0)
     return target / "report.html"
 
 
@@ -80,7 +80,7 @@ def optimize_report(
     finalists = FinalistEvaluation(("baseline", "thesis"), renders, settings)
     outcome = Optimization(None, None, {"thesis": 60.0}, finalists, None)
     target = tmp_path_factory.mktemp("optimize") / "run"
-    write_optimization(finger20, outcome, finger20_checker, "finger20", target)
+    write_optimization(finger20, outcome, finger20_checker, standalone("finger20"), target)
     return target / "report.html"
 
 

@@ -64,13 +64,16 @@ SCENE_NAME = r"^[a-z0-9][a-z0-9_-]{0,63}$"
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """The content of the file that a scene was read from, and the folder of files that it names.
+    """The file a scene was read from: its content, the folder of files that it names, its text.
 
+    ``origin`` is its path or a shipped name; ``text`` is None where the content was changed.
     How a scene is written has no part in which one it is: all are equal, and equal to None.
     """
 
     content: dict[str, Any]
     folder: Path
+    origin: str
+    text: str | None = None
 
     def __eq__(self, other: object) -> bool:
         """Return that it makes no difference."""

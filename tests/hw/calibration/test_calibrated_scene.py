@@ -13,7 +13,7 @@ from hw.calibration.calibration import calibrated_toml
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.rig_fit import fit_rig
 from optimize.scoring import find_model
-from render.scene import Scene, load_scene, sources
+from render.scene import Scene, load_scene, scene_text, sources
 from render.transport import TransportTable
 from surrogate.train import TrainConfig, train
 from surrogate.training.fit_task import FitConfig
@@ -32,7 +32,9 @@ def test_fitted_values_say_calibrated_with_date_and_interval(
 ) -> None:
     found = fit_rig(scene, toy_model(table), photographs(scene)[0])
     path = tmp_path / "scene.toml"
-    path.write_text(calibrated_toml("finger20", scene, found, "2026-01-31"), encoding="utf-8")
+    path.write_text(
+        calibrated_toml(scene_text("finger20"), scene, found, "2026-01-31"), encoding="utf-8"
+    )
     after = load_scene(path)
     assert after.name == "finger20-calibrated"
     assert after.diffuser is not None
@@ -56,7 +58,9 @@ def test_lists_of_a_scene_come_back(scene: Scene, table: MaterialTable, tmp_path
     scene_with(tmp_path, SAID)
     found = fit_rig(scene, toy_model(table), photographs(scene)[0])
     path = tmp_path / "calibrated.toml"
-    path.write_text(calibrated_toml(tmp_path / "scene.toml", scene, found, "2026-01-31"))
+    path.write_text(
+        calibrated_toml((tmp_path / "scene.toml").read_text(), scene, found, "2026-01-31")
+    )
     assert load_scene(path).palette == scene.palette
 
 
@@ -73,7 +77,9 @@ def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
     found = fit_rig(scene, toy_model(table), photographs(scene)[0])
     path = tmp_path / "calibrated" / "scene.toml"
     path.parent.mkdir()
-    path.write_text(calibrated_toml(small_scene, load_scene(small_scene), found, "2026-01-31"))
+    path.write_text(
+        calibrated_toml(small_scene.read_text(), load_scene(small_scene), found, "2026-01-31")
+    )
     monkeypatch.chdir(tmp_path)
     shutil.copytree(small_model, tmp_path / "models" / "small8")
     after = load_scene(path)

@@ -107,7 +107,7 @@ def test_fewer_photographs_than_lamps_are_refused() -> None:
 
 def test_the_calibrated_scene_says_where_its_values_are_from() -> None:
     found, _ = fitted(TRUE)
-    raw = tomllib.loads(calibrated_toml("digit", SCENE, found, "2026-01-31"))
+    raw = tomllib.loads(calibrated_toml(scene_text("digit"), SCENE, found, "2026-01-31"))
     assert raw["coating"]["albedo"]["value"] == pytest.approx(found.material[0], rel=1e-5)
     for entry in (raw["coating"]["albedo"], raw["pad"]["roughness"]):
         assert entry["source"].startswith("calibrated 2026-01-31, 95 % interval ")

@@ -152,7 +152,7 @@ def test_the_calibrated_scene_says_where_each_albedo_is_from(
 ) -> None:
     found = fitted(colored, model, TRUE)
     after = tmp_path / "scene.toml"
-    after.write_text(calibrated_toml(path, colored, found, "2026-01-31"))
+    after.write_text(calibrated_toml(path.read_text(), colored, found, "2026-01-31"))
     np.testing.assert_allclose(load_scene(after).coating.albedo, found.material[:3], rtol=1e-5)
     assert sources(after)["coating.albedo"].count("calibrated 2026-01-31, 95 % interval") == 3
 

@@ -15,7 +15,7 @@ from hw.calibration.rig_fit import fit_rig
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from render.arrays import Array
-from render.scene import Scene, load_scene, unchecked
+from render.scene import Scene, load_scene, scene_text, unchecked
 from tests.hw.calibration.toy import photographs, toy_model
 
 TRUE = np.array([[0.8, 0.06, 0.01], [0.09, 1.0, 0.12], [0.0, 0.05, 0.5]])
@@ -77,7 +77,7 @@ def test_the_calibrated_scene_has_the_leds_as_they_are_seen(
 ) -> None:
     found = fit_rig(scene, toy_model(table), photographs(scene)[0])
     response = measured_response(small, sweeps(small, 0.0))
-    text = calibrated_toml("finger20", scene, found, "2026-01-31", response)
+    text = calibrated_toml(scene_text("finger20"), scene, found, "2026-01-31", response)
     path = tmp_path / "scene.toml"
     path.write_text(text, encoding="utf-8")
     after = load_scene(path)

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.design import load_design, load_design_file
+from optimize.design import keep_scene, load_design, load_design_file
 from optimize.scoring import TableScorer, search_table
 from optimize.ui.output import fresh_directory, write_manifest
 from render.preview.converged import Effort, cache
-from render.scene import load_scene
+from render.scene import StandaloneScene, load_scene
 from surrogate.runtime import Checker
 from tests.oracles.random_scenes import random_content, scene_text
 
@@ -227,11 +227,12 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
         return lambda *_, **__: SimpleNamespace(level=which, file=None, photon_noise=None)
 
     def write(
-        found: Any, scene_file: str, target: Path, elapsed: object, *, keep_other: bool
+        found: Any, kept: StandaloneScene, target: Path, elapsed: object, *, keep_other: bool
     ) -> dict[str, object]:
         with fresh_directory(target, keep="design.json" if keep_other else "") as folder:
             design = {"scene_hash": "ab", "angles_deg": [angles[found.level]], "power": [1]}
             (folder / "design.json").write_text(json.dumps(design))
+            keep_scene(folder, kept)
             write_manifest(folder, {})
         return {}
 
@@ -273,3 +274,16 @@ def test_an_earlier_design_that_is_the_first_answer_again_is_kept_with_its_rende
     assert angles_in(tmp_path) == {"run": 2.0, "run-1": 1.0}
     assert (tmp_path / "run-1" / verified).is_file()
     assert not (tmp_path / "run" / verified.parent).exists()
+
+
+def test_a_scene_from_a_pipe_is_kept_as_it_was_read(
+    tactilux: Run, answers: dict[str, float], tmp_path: Path
+) -> None:
+    text = (ROOT / "render/scenes/finger20.toml").read_text()
+    pipe, end = os.pipe()
+    os.write(end, text.encode())
+    os.close(end)
+    assert tactilux("explore", f"/dev/fd/{pipe}", "--out", "run", "--json").code == 0
+    os.close(pipe)
+    assert (tmp_path / "run" / "scene.toml").read_text() == text
+    assert answers["last"] == angles_in(tmp_path)["run"]

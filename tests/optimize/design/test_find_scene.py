@@ -16,7 +16,7 @@ from optimize.design import (
     save_design,
 )
 from render.errors import SceneError
-from render.scene import load_scene, scene_text
+from render.scene import load_scene, scene_text, standalone
 
 RATING = Rating("preview", 50.0, (40.0, 60.0), 60.0, 5.0, 5.0, ScoreSettings(1.0, 1.0))
 
@@ -47,7 +47,7 @@ def test_of_two_files_of_one_name_that_with_the_hash_of_the_design_is_taken(desi
 def test_a_run_that_went_elsewhere_has_its_scene_with_it(
     design: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    keep_scene(design.parent, "rev7.toml")
+    keep_scene(design.parent, standalone("rev7.toml"))
     moved = tmp_path / "elsewhere"
     moved.mkdir()
     design.parent.rename(moved / "run")

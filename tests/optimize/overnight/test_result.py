@@ -15,7 +15,7 @@ from optimize.design import keep_scene, load_design_file
 from optimize.overnight.result import Finalist, OvernightResult
 from optimize.overnight.run_directory import RunError
 from render.files import read_npz, write_npz
-from render.scene import scene_text
+from render.scene import scene_text, standalone
 
 
 def refusal(run: Path) -> str:
@@ -51,7 +51,7 @@ def test_equal_nights_make_equal_bytes(
     run_directory: Path, tmp_path: Path, finished_night: OvernightResult
 ) -> None:
     other = tmp_path / "other"
-    keep_scene(other, "finger20")
+    keep_scene(other, standalone("finger20"))
     finished_night.save(other)
     files = [path for path in run_directory.rglob("*") if path.is_file()]
     assert len(files) == 2 + len(finished_night.finalists)
@@ -77,7 +77,7 @@ def test_every_finalist_has_a_design_file_with_its_rendered_rating(
 
 def test_a_directory_without_a_night_says_what_to_do(tmp_path: Path) -> None:
     assert "go on with tactilux overnight" in refusal(tmp_path)
-    keep_scene(tmp_path, "finger20")
+    keep_scene(tmp_path, standalone("finger20"))
     assert "go on with tactilux overnight" in refusal(tmp_path)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from optimize.design import SCENE, keep_scene
 from render.errors import SceneError
-from render.scene import load_scene, scene_text, standalone
+from render.scene import load_scene, scene_text, sources, standalone
 
 LAMPS = """x,y,z,direction_x,direction_y,direction_z,diameter,profile
 -6,-3,-4,1,0.5,2,1.5,{csv_profile}
@@ -63,7 +63,7 @@ def test_a_run_keeps_all_that_its_scene_names_and_is_read_again_alone(
     csv_profile = csv_profile.format(absolute=tmp_path / "absolute")
     path = written(tmp_path / "user" / "mine", lamps, toml_profile, csv_profile)
     scene = load_scene(path)
-    keep_scene(tmp_path / "run", path)
+    keep_scene(tmp_path / "run", standalone(path))
     shutil.move(tmp_path / "run", tmp_path / "moved")
     for folder in ("user", "absolute"):
         shutil.rmtree(tmp_path / folder, ignore_errors=True)
@@ -72,8 +72,9 @@ def test_a_run_keeps_all_that_its_scene_names_and_is_read_again_alone(
     assert kept.hash == scene.hash
     # A copy of the copy is the same, byte for byte.
     again = standalone(tmp_path / "moved" / SCENE)
-    keep_scene(tmp_path / "third", tmp_path / "moved" / SCENE)
-    assert again == standalone(tmp_path / "third" / SCENE)
+    keep_scene(tmp_path / "third", again)
+    third = standalone(tmp_path / "third" / SCENE)
+    assert (third.text, third.files) == (again.text, again.files)
 
 
 def test_names_beside_the_scene_leave_its_text_as_it_was_written(tmp_path: Path) -> None:
@@ -94,5 +95,22 @@ def test_a_missing_file_is_told_before_anything_is_kept(tmp_path: Path) -> None:
     path = written(tmp_path / "mine", "lamps.csv", 'file = "led.csv"', "other.csv")
     (tmp_path / "mine" / "other.csv").unlink()
     with pytest.raises(SceneError, match=r"other\.csv cannot be used"):
-        keep_scene(tmp_path / "run", path)
+        keep_scene(tmp_path / "run", standalone(path))
     assert not (tmp_path / "run").exists()
+
+
+def test_a_file_that_is_edited_after_it_was_read_is_kept_as_it_was(tmp_path: Path) -> None:
+    path = written(tmp_path / "mine", "lamps.csv", 'file = "led.csv"', "other.csv")
+    text, scene, origins = path.read_text(), load_scene(path), sources(path)
+    path.write_text(text.replace('base = "red"', 'base = "green"').replace("test", "changed"))
+    kept = standalone(scene)
+    assert kept.text == text
+    assert sources(scene) == origins
+    keep_scene(tmp_path / "run", kept)
+    assert load_scene(tmp_path / "run" / SCENE) == scene
+
+
+def test_a_scene_without_a_file_of_its_own_is_not_kept(tmp_path: Path) -> None:
+    scene = load_scene("finger20").with_(**{"pad.thickness": 3.0})
+    with pytest.raises(SceneError, match="finger20 as changed has no file"):
+        standalone(scene)
