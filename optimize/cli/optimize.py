@@ -116,9 +116,9 @@ def run(
 
 def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | None:
     """Return the surrogate; the thesis can do without."""
-    from optimize.scoring import find_model, open_model
+    from optimize.scoring import open_model, trained_model
 
-    if not required and find_model(scene, model) is None:
+    if not required and trained_model(scene, model) is None:
         note("There is no surrogate: exposure and lambda come from the preview")
         return None
     return open_model(scene, model)

@@ -23,7 +23,6 @@ from optimize.scoring.score_gradient import Differentiator
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
 from optimize.scoring.surrogate_model import (
     as_model,
-    find_model,
     first_model,
     is_prompt,
     model_of_design,

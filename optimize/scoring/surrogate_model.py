@@ -26,23 +26,27 @@ from surrogate.runtime.metadata import PREVIEW
 PHI_NODES = 33
 
 
-def find_model(scene: Scene, given: Path | None = None) -> Path | None:
-    """Return the folder that holds ``checker.onnx`` for a scene, None where there is none.
+def trained_model(
+    scene: Scene, given: Path | None = None, *, threads: int | None = None
+) -> Checker | None:
+    """Return the trained model of a scene, None where there is none.
 
-    The folder given, or the one of the right scene hash, whatever its name, among those in
+    That in the folder given, or the one of the right scene hash, whatever its name, among those in
     ``models`` of the current directory and those that come with tactilux; folders named like the
-    scene are tried first. A model with a free material serves its whole family of hashes.
+    scene are tried first. A model with a free material serves its whole family of hashes. Only the
+    one that is taken is opened.
 
     The hash covers all that a facet's color depends on, the camera's columns and rows too: with
     other pixels on a facet its light is another mean (finger20 at 640 x 480: by 4 % at the 95th
     percentile, as much as the model's own error; the untouched pad's by less than 0.01 %).
 
     Raises:
-        ModelError: the folder given holds none, or one named like the scene a damaged one.
+        ModelError: there is none in ``given``, or it is damaged or of another scene; or one named
+            like the scene is damaged.
     """
     if given is not None:
         if (given / MODEL_FILE).is_file():
-            return given
+            return Checker.for_scene(given, scene, threads=threads)
         beside = [str(file.parent) for file in given.parent.glob(f"*/{MODEL_FILE}")]
         raise ModelError(
             f"there is no {MODEL_FILE} in {given}: name the folder of a model with --model or make "
@@ -55,23 +59,11 @@ def find_model(scene: Scene, given: Path | None = None) -> Path | None:
     found.sort(key=lambda folder: folder.name != scene.name)
     for folder in found:
         try:
-            Checker.for_scene(folder, scene, threads=1)
+            return Checker.for_scene(folder, scene, threads=threads)
         except ModelError as error:
             if folder.name == scene.name and error.field != "scene_hash":
                 raise
-        else:
-            return folder
     return None
-
-
-def trained_model(scene: Scene, given: Path | None = None) -> Checker | None:
-    """Return the model of ``scene`` that `find_model` finds, None where there is none.
-
-    Raises:
-        ModelError: there is none in ``given``, or it is damaged or of another scene.
-    """
-    folder = find_model(scene, given)
-    return None if folder is None else Checker.for_scene(folder, scene)
 
 
 def open_model(
@@ -101,7 +93,7 @@ def scene_model(
 
     Arguments:
         scene: the sensor.
-        given: folder of the model (default: see :func:`find_model`).
+        given: folder of the model (default: see `trained_model`).
         threads: of the runtime (default: its own choice).
         coarse: take the preview as the shader draws it, even where there is a better answer.
         progress: told how far the preview is, and in notes which level answers, and where the
@@ -118,8 +110,8 @@ def scene_model(
             f"--coarse asks for the preview, --model for {given}, allowed: one of them",
             field="model",
         )
-    folder = None if coarse else find_model(scene, given)
-    if folder is None:
+    checker = None if coarse else trained_model(scene, given, threads=threads)
+    if checker is None:
         from surrogate.preview_model import preview_checker
 
         checker = preview_checker(scene, progress, coarse=coarse)
@@ -132,7 +124,6 @@ def scene_model(
                 )
             )
         return checker
-    checker = Checker.for_scene(folder, scene, threads=threads)
     unlit = np.zeros((1, scene.lamp_count, len(scene.palette.channels)))
     dark = np.full(unlit.shape[:2], np.pi / 2), unlit, np.array(scene.state_axis)
     excess = float(checker.run(*dark)["domain_excess"][0])
@@ -205,7 +196,7 @@ def search_table(checker: Checker) -> TransportTable:
 
 def is_prompt(scene: Scene, given: Path | None = None) -> bool:
     """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
-    if find_model(scene, given) is not None:
+    if trained_model(scene, given) is not None:
         return True
     from render.preview.converged import is_kept
 

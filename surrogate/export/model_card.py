@@ -20,14 +20,7 @@ from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.preview_model import CONVERGED_ERRORS
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import (
-    CONVERGED,
-    NONE,
-    PREVIEW,
-    TABLE,
-    UNITS,
-    ModelMetadata,
-)
+from surrogate.runtime.metadata import CONVERGED, NONE, PREVIEW, TABLE, UNITS, ModelMetadata
 from surrogate.training.conformal import COVERAGE
 from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit

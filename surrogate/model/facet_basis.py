@@ -24,12 +24,7 @@ import torch
 from torch import Tensor, nn
 
 from render.arrays import Array
-from render.geometry import (
-    camera_is_symmetric,
-    facet_normals,
-    flat_sites,
-    states_are_symmetric,
-)
+from render.geometry import camera_is_symmetric, facet_normals, flat_sites, states_are_symmetric
 from render.scene import Scene
 from surrogate.model.lamp_copies import copied_poses
 

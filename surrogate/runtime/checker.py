@@ -12,15 +12,14 @@ from render.arguments import as_kind, as_numbers, as_path, as_whole
 from render.arrays import Array
 from render.errors import ModelError
 from render.transport import Level, TransportTable
-from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata, read_props
+from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata
 from surrogate.runtime.model_file import (
     MATERIAL,
-    MODEL_FILE,
     OUTPUTS,
+    described,
     failed,
     failures,
     open_session,
-    read_verified,
     replay,
 )
 
@@ -79,10 +78,10 @@ class Checker:
         """
         if scene_hash is not None:
             as_kind(scene_hash, str, "scene_hash", "the hash of a scene, a text", ModelError)
-        session, metadata, file = _opened(path, threads)
+        content, metadata, file = described(as_path(path, "path", ModelError))
         if scene_hash is not None and metadata.scene_hash != scene_hash:
-            raise _foreign(path, metadata, scene_hash)
-        return cls(session, metadata, file=file)
+            raise _foreign(file, metadata, scene_hash)
+        return cls(_session(content, metadata, file, threads), metadata, file=file)
 
     @classmethod
     def for_scene(
@@ -100,16 +99,14 @@ class Checker:
         from render.scene import as_scene
 
         scene = as_scene(scene)
-        session, metadata, file = _opened(path, threads)
-        if metadata.scene_hash == scene.hash:
-            return cls(session, metadata, file=file)
-        free = metadata.material
-        if not free or scene.diffuser is None:
-            raise _foreign(path, metadata, scene.hash)
-        if family_hash(scene, tuple(free["names"])) != free["family"]:
-            raise _foreign(path, metadata, scene.hash)
-        values = scene.diffuser.free_values
-        material = np.array([values[name] for name in free["names"]])
+        content, metadata, file = described(as_path(path, "path", ModelError))
+        material, free = None, metadata.material
+        if metadata.scene_hash != scene.hash:
+            layer, names = scene.diffuser, free.get("names", ())
+            if layer is None or not free or family_hash(scene, tuple(names)) != free["family"]:
+                raise _foreign(file, metadata, scene.hash)
+            material = np.array([layer.free_values[name] for name in names])
+        session = _session(content, metadata, file, threads)
         return cls(session, metadata, material, scene.hash, file)
 
     def __repr__(self) -> str:
@@ -284,18 +281,15 @@ def family_hash(scene: Scene, names: tuple[str, ...]) -> str:
     return unchecked(scene, {"diffuser": layer}).hash
 
 
-def _opened(path: str | Path, threads: int | None) -> tuple[Any, ModelMetadata, Path]:
-    path = as_path(path, "path", ModelError)
+def _session(content: bytes, metadata: ModelMetadata, file: Path, threads: int | None) -> Any:
+    """Return the session of a model that is used, after it has replayed its golden pair."""
     if threads is not None:
         as_whole(threads, "threads", ModelError, least=1)
-    file = path / MODEL_FILE if path.is_dir() else path
-    content = read_verified(file, strict=path.is_dir())
     session = open_session(content, file, threads)
-    metadata = read_props(session.get_modelmeta().custom_metadata_map, str(file))
     golden = replay(session, file)
     if golden is not None:
         _check_outputs(metadata, golden, file)
-    return session, metadata, file
+    return session
 
 
 def _check_outputs(
@@ -325,8 +319,7 @@ def _check_outputs(
             )
 
 
-def _foreign(path: str | Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:
-    file = Path(path) / MODEL_FILE if Path(path).is_dir() else Path(path)
+def _foreign(file: Path, metadata: ModelMetadata, scene_hash: str) -> ModelError:
     return ModelError(
         f"{file} is a model of another scene ({metadata.scene}, hash {metadata.scene_hash}), "
         f"allowed: hash {scene_hash}; train one with `tactilux train`",

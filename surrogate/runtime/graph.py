@@ -18,21 +18,24 @@ OPERATORS = {
 }  # fmt: skip
 """Of ONNX itself; every one of them ends, and none holds a graph of its own."""
 MOST_NODES = 10_000
-_GRAPH, _FUNCTIONS = 7, 25
+_GRAPH, _PROPERTY, _FUNCTIONS = 7, 14, 25
 _NODE, _INITIALIZER, _SPARSE = 1, 5, 15
 _OPERATOR, _ATTRIBUTE, _DOMAIN = 4, 5, 7
 _TENSOR, _SUBGRAPH, _TENSORS, _SUBGRAPHS = 5, 6, 10, 11
 _EXTERNAL, _LOCATION = 13, 14
 
 
-def check_graph(content: bytes) -> None:
-    """Refuse a model that holds more than `OPERATORS` and numbers.
+def check_graph(content: bytes) -> dict[str, str]:
+    """Return what a model says of itself, refusing one with more than `OPERATORS` and numbers.
 
     Raises:
         ValueError: says what it holds, or that it is no ONNX file.
     """
-    nodes = 0
+    nodes, said = 0, {}
     for number, graph in _fields(content):
+        if number == _PROPERTY:
+            name, text = dict(_fields(graph)).values()
+            said[name.decode("utf-8")] = text.decode("utf-8")
         if number == _FUNCTIONS:
             raise ValueError("it holds functions of its own")
         for kind, part in _fields(graph) if number == _GRAPH else ():
@@ -45,6 +48,7 @@ def check_graph(content: bytes) -> None:
                 raise ValueError("it holds sparse tensors")
     if not 0 < nodes <= MOST_NODES:
         raise ValueError(f"it has {nodes} operators, allowed: 1 to {MOST_NODES:,}")
+    return said
 
 
 def _check_node(node: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Opening a model file: the checksum first, then the runtime, then what the file says it is."""
+"""Opening a model file: its checksum first, then what it says it is, then the runtime."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ import numpy as np
 from render.errors import ModelError, TableError
 from render.files import read_bytes, read_npz
 from surrogate.runtime.graph import check_graph
+from surrogate.runtime.metadata import ModelMetadata, read_props
 
-MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE = (
-    "checker.onnx",
-    "checker.md",
-    "checker.sha256",
-    "golden.npz",
-)
+MODEL_FILE, CARD_FILE = "checker.onnx", "checker.md"
+SUM_FILE, GOLDEN_FILE = "checker.sha256", "golden.npz"
 INPUTS = ("phi", "power", "bend")
 MATERIAL = "material"
 """A fourth input of models whose scene leaves its material free."""
 OUTPUTS = ("counts", "counts_spread", "background", "metric", "score", "domain_excess")
-
-
 SUMMED = (MODEL_FILE, GOLDEN_FILE)
 LARGEST = 5_000_000
 """A model's size in bytes is below this."""
@@ -89,20 +84,31 @@ def _sum_of(file: Path, name: str, content: bytes) -> str:
         return ""
 
 
+def described(path: Path) -> tuple[bytes, ModelMetadata, Path]:
+    """Return a model in a folder or a file that has not run yet, what it says of itself, its file.
+
+    Raises:
+        ModelError: missing, altered, or none of our graphs.
+    """
+    file = path / MODEL_FILE if path.is_dir() else path
+    content = read_verified(file, strict=path.is_dir())
+    try:
+        said = check_graph(content)
+    except ValueError as error:  # UnicodeDecodeError is one
+        raise ModelError(
+            f"{file} is no model of ours: {error}; take a fresh copy of the model", field="model"
+        ) from None
+    return content, read_props(said, str(file)), file
+
+
 def open_session(content: bytes, file: Path, threads: int | None) -> Any:
-    """Return the onnxruntime session of ``content``, checked to be one of our graphs.
+    """Return the onnxruntime session of ``content``, which `described` has checked.
 
     Raises:
         ModelError: onnxruntime cannot run it, or it has other inputs or outputs.
     """
     import onnxruntime
 
-    try:
-        check_graph(content)
-    except ValueError as error:  # UnicodeDecodeError is one
-        raise ModelError(
-            f"{file} is no model of ours: {error}; take a fresh copy of the model", field="model"
-        ) from None
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 4  # its complaints reach the user as our own sentence
     if threads is not None:

@@ -12,7 +12,7 @@ import pytest
 from hw.calibration.calibration import calibrated_toml
 from hw.calibration.material_table import MaterialTable
 from hw.calibration.rig_fit import fit_rig
-from optimize.scoring import find_model
+from optimize.scoring import trained_model
 from render.scene import Scene, load_scene, scene_text, sources
 from render.transport import TransportTable
 from surrogate.train import TrainConfig, train
@@ -83,7 +83,7 @@ def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
     monkeypatch.chdir(tmp_path)
     shutil.copytree(small_model, tmp_path / "models" / "small8")
     after = load_scene(path)
-    assert find_model(after) is None
+    assert trained_model(after) is None
     # What `tactilux train calibrated/scene.toml` does, on a table that stands for renders.
     quick = FitConfig(members=2, network=NetworkConfig(width=8, steps=20), designs=40)
     train(
@@ -92,5 +92,7 @@ def test_a_calibrated_scene_asks_for_a_model_of_its_own_and_then_finds_it(
         table=replace(small_reference, scene_hash=after.hash),
         config=TrainConfig(preview_nodes=(9, 3), coarse=True, fit=quick),
     )
-    assert find_model(after) == Path("models") / "small8-calibrated"
-    assert find_model(load_scene(small_scene)) == Path("models") / "small8"
+    for scene, name in ((after, "small8-calibrated"), (load_scene(small_scene), "small8")):
+        found = trained_model(scene)
+        assert found is not None
+        assert found.file == Path("models") / name / "checker.onnx"

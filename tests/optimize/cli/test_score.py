@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 
+import optimize
 from optimize.design import load_design_file, load_layout
-from optimize.scoring import find_model
+from optimize.scoring import trained_model
 from render.choose_exposure import scene_scale
 from render.errors import DesignError, ModelError
 from render.scene import Scene, load_scene, unchecked
@@ -127,19 +129,34 @@ def test_a_led_has_no_more_power_than_the_scene_allows(small_scene: Path, tmp_pa
     assert load_layout(path)[1].power[0].tolist() == [0.5, 0.0, 0.0]
 
 
-def test_a_model_is_found_by_the_scenes_hash_whatever_its_name(
+SHIPPED = Path(optimize.__file__).parents[1] / "models" / "finger20"
+
+
+def test_a_model_is_found_by_the_scenes_hash_whatever_its_name_and_it_alone_is_opened(
     small_scene: Path, small_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "of-my-rig").symlink_to(small_model)
     scene = unchecked(load_scene(small_scene), {"name": "renamed"})
-    assert find_model(scene) == Path("models") / "of-my-rig"
-    assert find_model(load_scene("finger20")).name == "finger20"
+    opened: list[bytes] = []
+    session = onnxruntime.InferenceSession
+
+    def counted(content: bytes, *words: Any, **more: Any) -> Any:
+        opened.append(content)
+        return session(content, *words, **more)
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", counted)
+    for known, folder in ((scene, Path("models/of-my-rig")), (load_scene("finger20"), SHIPPED)):
+        found = trained_model(known)
+        assert found is not None
+        assert found.file == folder / "checker.onnx"
+    assert len(opened) == 2
     other = unchecked(scene, {"coating": unchecked(scene.coating, {"albedo": 0.5})})
-    assert find_model(other) is None
+    assert trained_model(other) is None
     with pytest.raises(ModelError, match=r"there is no checker\.onnx in nowhere"):
-        find_model(other, Path("nowhere"))
+        trained_model(other, Path("nowhere"))
+    assert len(opened) == 2
 
 
 @pytest.mark.slow
