@@ -16,7 +16,6 @@ import re
 import stat
 import struct
 import sys
-import tempfile
 import tomllib
 import uuid
 import zipfile
@@ -66,6 +65,7 @@ DAMAGED = "it is damaged, or holds no arrays"
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """Give a stream whose content takes the place of ``path`` when the block succeeds.
 
+    What could not be read again is not written: an OSError says that it is larger than `LARGEST`.
     A temporary file in the same folder is written, synced and renamed, and the folder is synced:
     a reader, or a machine that lost its power, meets the old file or the new one, never half of it.
     """
@@ -73,8 +73,10 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     # Not mkstemp, whose files only their owner may read.
     temporary = temporary_name(path)
     try:
-        with temporary.open("xb") as stream:
+        with temporary.open("x+b") as stream:
             yield stream
+            if stream.seek(0, os.SEEK_END) > LARGEST:
+                raise _too_large(path, f"{stream.tell():,}", LARGEST)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(temporary, path)
@@ -106,16 +108,32 @@ def write_json(path: Path, content: Mapping[str, Any], indent: int | None = None
 def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
     """Return ``arrays`` as a sealed ``.npz`` archive; the same arrays make the same bytes."""
     buffer = BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    content = buffer.getvalue()
-    # The seal is the archive's comment, whose length its last two bytes say.
-    content = content[:-2] + struct.pack("<H", len(SEAL_OF_ARCHIVE) + 64)
-    return content + SEAL_OF_ARCHIVE + hashlib.sha256(content).hexdigest().encode()
+    _save_sealed(buffer, arrays)
+    return buffer.getvalue()
 
 
 def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write `npz_bytes` of ``arrays`` to ``path``, as `replacing` does."""
-    write_bytes(path, npz_bytes(arrays))
+    """Write `npz_bytes` of ``arrays`` to ``path``, as `replacing` does, without a copy of them."""
+    with replacing(path) as stream:
+        _save_sealed(stream, arrays)
+
+
+def _save_sealed(stream: BinaryIO, arrays: Mapping[str, np.ndarray]) -> None:
+    np.savez(stream, **arrays)  # type: ignore[arg-type]
+    # The seal is the archive's comment, whose length its last two bytes say.
+    stream.seek(-2, os.SEEK_END)
+    stream.write(struct.pack("<H", len(SEAL_OF_ARCHIVE) + 64))
+    stream.write(_seal_of(stream, stream.tell()))
+
+
+def _seal_of(stream: BinaryIO, end: int) -> bytes:
+    """Return the SHA-256 of the first ``end`` bytes, as text; then the stream is there."""
+    digest = hashlib.sha256()
+    stream.seek(0)
+    while end > 0 and (part := stream.read(min(end, 1 << 20))):
+        digest.update(part)
+        end -= len(part)
+    return SEAL_OF_ARCHIVE + digest.hexdigest().encode()
 
 
 def can_create(path: Path) -> bool:
@@ -124,8 +142,10 @@ def can_create(path: Path) -> bool:
     It is tried, since folders of the system that are no place for files give all rights to some.
     """
     nearest = next(parent for parent in path.absolute().parents if parent.exists())
+    trial = temporary_name(nearest / path.name)
     try:
-        os.rmdir(tempfile.mkdtemp(prefix=".", dir=nearest))
+        os.mkdir(trial)
+        os.rmdir(trial)
     except OSError:
         return False
     return True
@@ -314,9 +334,12 @@ def read_npz(path: Path, *, sealed: bool = False) -> dict[str, np.ndarray]:
                 )
             if any(_promised(archive, member) > member.file_size for member in archive.infolist()):
                 raise ValueError("more numbers than bytes")
-        if (seal or sealed) and seal != _seal_of(path, len(seal)):
-            why = "is damaged: it is not as it was written" if seal else "is of an earlier version"
-            raise TableError(f"{path} {why}", field="table")
+        if seal or sealed:
+            with path.open("rb") as stream:
+                found = _seal_of(stream, path.stat().st_size - len(seal))
+            if seal != found:
+                why = "damaged: it is not as it was written" if seal else "of an earlier version"
+                raise TableError(f"{path} is {why}", field="table")
         with np.load(path, allow_pickle=False) as stored:
             return {name: np.asarray(stored[name]) for name in stored.files}
     except FileNotFoundError:
@@ -334,16 +357,6 @@ def read_npz(path: Path, *, sealed: bool = False) -> dict[str, np.ndarray]:
     except DAMAGE:
         why = DAMAGED
     raise TableError(f"{path} is not a readable .npz file: {why}", field="table")
-
-
-def _seal_of(path: Path, end: int) -> bytes:
-    """Return the SHA-256 of a file without its last ``end`` bytes, as text."""
-    digest, left = hashlib.sha256(), path.stat().st_size - end
-    with path.open("rb") as stream:
-        while left > 0 and (part := stream.read(min(left, 1 << 20))):
-            digest.update(part)
-            left -= len(part)
-    return SEAL_OF_ARCHIVE + digest.hexdigest().encode()
 
 
 def _promised(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:

@@ -13,7 +13,7 @@ import fcntl
 import os
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from render.files import TEMPORARY, sync_folder, temporary_name
@@ -24,12 +24,13 @@ def fresh_folder(target: Path) -> Iterator[Path]:
     """Give a new folder beside ``target`` that is taken away after the block, if still there."""
     target.parent.mkdir(parents=True, exist_ok=True)
     fresh = temporary_name(target)
-    fresh.mkdir()
-    try:
-        with _held(fresh):
-            yield fresh
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+    with ExitStack() as stack:
+        # Before it is locked, `put_back` of another process would take it for a leftover.
+        with _held(target.parent):
+            fresh.mkdir()
+            stack.callback(shutil.rmtree, fresh, ignore_errors=True)
+            stack.enter_context(_held(fresh))
+        yield fresh
 
 
 Settle = Callable[[Path], None]

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import io
 import os
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +32,32 @@ def test_every_writer_syncs_the_file_before_its_name_and_the_folder_after(
     assert (tmp_path / "a.txt").read_bytes() == "ä".encode()
     assert files.read_json(tmp_path / "a.json") == {"a": [1.5]}
     assert files.read_npz(tmp_path / "a.npz")["a"].tolist() == [0.0, 1.0, 2.0]
+
+
+def test_arrays_are_written_without_a_copy_of_them(tmp_path: Path) -> None:
+    arrays = {"a": np.arange(8e6), "b": np.ones(3)}
+    tracemalloc.start()
+    files.write_npz(tmp_path / "a.npz", arrays)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 0.5 * arrays["a"].nbytes
+    assert (tmp_path / "a.npz").read_bytes() == files.npz_bytes(arrays)
+    np.testing.assert_array_equal(files.read_npz(tmp_path / "a.npz", sealed=True)["a"], arrays["a"])
+
+
+def test_what_could_not_be_read_again_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files.write_npz(tmp_path / "a.npz", {"a": np.zeros(3)})
+    monkeypatch.setattr(files, "LARGEST", 1000)
+    for write in (
+        lambda: files.write_npz(tmp_path / "a.npz", {"a": np.zeros(100)}),
+        lambda: files.write_json(tmp_path / "a.json", {"a": "x" * 1000}),
+    ):
+        with pytest.raises(OSError, match=r"it has 1,\d+ bytes, allowed: up to 1,000"):
+            write()
+    assert [item.name for item in tmp_path.iterdir()] == ["a.npz"]
+    assert files.read_npz(tmp_path / "a.npz")["a"].tolist() == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null"])

@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,8 +16,8 @@ from render import files, folders
 
 MANIFEST = "manifest"
 ROOT = Path(__file__).parents[2]
-REPLACE = """
-import os, signal, sys
+DYING = """
+import fcntl, os, signal, sys
 from pathlib import Path
 from render import files, folders
 
@@ -27,12 +29,23 @@ def dying(change):
         return change(*words, **more)
     return called
 target = Path(sys.argv[1])
+"""
+REPLACE = """
 with folders.fresh_folder(target) as fresh:
     (fresh / "file").write_text("second")
     (fresh / "manifest").write_text("")
     for name in ("rename", "unlink", "rmdir"):
         setattr(os, name, dying(getattr(os, name)))
     folders.replace_folder(fresh, target, lambda old: folders.remove_folder(old, "manifest"))
+"""
+
+
+BEGIN = """
+os.mkdir, os.rmdir = dying(os.mkdir), dying(os.rmdir)
+fcntl.flock = dying(fcntl.flock)
+files.can_create(target)
+with folders.fresh_folder(target):
+    pass
 """
 
 
@@ -83,13 +96,47 @@ def test_a_kill_at_any_instant_leaves_a_whole_folder_to_be_found(
     target = tmp_path / "a"
     write(target, "first")
     done = subprocess.run(
-        [sys.executable, "-c", REPLACE, str(target), str(instant)], cwd=ROOT, check=False
+        [sys.executable, "-c", DYING + REPLACE, str(target), str(instant)], cwd=ROOT, check=False
     )
     assert done.returncode in (0, -signal.SIGKILL)
     folders.put_back(target, MANIFEST, remove)
     assert (target / "file").read_text() in ("first", "second")
     assert (target / MANIFEST).is_file()
     assert {path.name for path in tmp_path.iterdir()} == {"a"}
+
+
+@pytest.mark.parametrize("instant", range(1, 7))
+def test_a_kill_before_anything_is_written_leaves_nothing_of_others(
+    tmp_path: Path, instant: int
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", DYING + BEGIN, str(tmp_path / "a"), str(instant)],
+        cwd=ROOT, check=False,
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGKILL
+    assert not folders.foreign_names(tmp_path)
+    folders.put_back(tmp_path / "a", MANIFEST, remove)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_new_folder_is_never_taken_for_a_leftover_of_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target, make = tmp_path / "a", Path.mkdir
+    others: list[threading.Thread] = []
+
+    def slowly(path: Path, *words: Any, **more: Any) -> None:
+        make(path, *words, **more)
+        if folders.became(path.name):
+            mend = threading.Thread(target=folders.put_back, args=(target, MANIFEST, remove))
+            mend.start()
+            mend.join(0.3)
+            others.append(mend)
+
+    monkeypatch.setattr(Path, "mkdir", slowly)
+    with folders.fresh_folder(target) as fresh:
+        others[0].join()
+        assert fresh.is_dir()
 
 
 def test_a_folder_that_a_process_works_in_is_left_to_it(tmp_path: Path) -> None:
