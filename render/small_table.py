@@ -136,12 +136,17 @@ def _without_remarks(lines: list[str]) -> tuple[list[str], str]:
 
 
 def _separator(lines: list[str]) -> str:
-    """Return what separates the first line that begins with a number, or else the first."""
+    """Return what separates the first line that begins with a number, or else the first.
+
+    Spaces do between numbers, where every comma is decimal: not in ``1,photo 1 2.png``.
+    """
     numbers = (line for line in lines if re.match(r'[\s"+-]*[.,]?[0-9]', line))
     first = next(numbers, lines[0] if lines else "")
     outside_quotes = re.sub(r'"[^"]*"', "", first)
     between_spaces = re.search(r"[0-9][ ]+[+-]?[.]?[0-9]", outside_quotes)
-    marks = "\t;" if between_spaces else "\t;,"
+    with_commas = [part for part in outside_quotes.split() if "," in part]
+    all_decimal = between_spaces and all(map(_NUMBER.fullmatch, with_commas))
+    marks = "\t;" if all_decimal else "\t;,"
     return next((mark for mark in marks if mark in outside_quotes), " ")
 
 

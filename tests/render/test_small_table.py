@@ -62,6 +62,20 @@ def test_a_table_is_the_same_in_every_dialect(tmp_path: Path, content: str | byt
     found.check_units({"x": "mm", "diameter": "mm"})
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("name", ["photo 1 2.png", "1 2.png", "640 480"])
+@pytest.mark.parametrize("first", [True, False])
+def test_digits_between_spaces_in_a_cell_separate_nothing(
+    tmp_path: Path, separator: str, name: str, first: bool
+) -> None:
+    cells = (name, "0.5", "led") if first else ("7", name, "led")
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(separator.join(row) for row in (("a", "b", "c"), cells, cells)))
+    table = SmallTable.read(path)
+    assert table.header == ("a", "b", "c")
+    assert [row.cells for row in table.rows] == [cells, cells]
+
+
 def test_rows_know_their_lines(tmp_path: Path) -> None:
     found = table(tmp_path, f"sep=,\n# remark\n{PLAIN}\n,,\n1,2,lambertian\n")
     assert [row.line for row in found.rows] == [4, 5, 8]
