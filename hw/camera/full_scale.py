@@ -82,11 +82,10 @@ def check_exposure(photos: Mapping[Path, Photo], scale: float) -> None:
     """
     ends = np.max([photo.pixels.max(axis=(0, 1)) for photo in photos.values()], axis=0)
     for path, photo in photos.items():
-        over = np.any(photo.pixels >= scale * (SATURATED_COUNTS / FULL_SCALE), axis=2)
-        refuse_overexposed(np.asarray(over), f"{path} is over-exposed in")
+        check_saturation(photo.pixels, path, scale)
         for channel in np.flatnonzero(ends > 0.5 * ends.max()).tolist():
             pile = _pile(photo.pixels[..., channel], ends[channel])
-            refuse_overexposed(pile, f"{path} is over-exposed, cut off at {ends[channel]:g}, in")
+            _refuse(pile, f"{path} is over-exposed, cut off at {ends[channel]:g}, in")
 
 
 def _pile(values: Pixels, end: float) -> NDArray[np.bool_]:
@@ -105,12 +104,17 @@ def _pile(values: Pixels, end: float) -> NDArray[np.bool_]:
     return at_end if piled and likely else np.zeros(at_end.shape, dtype=np.bool_)
 
 
-def refuse_overexposed(over: NDArray[np.bool_], what: str) -> None:
-    """Refuse a photograph with too many pixels ``over`` ``(row, column)``; ``what`` begins it.
+def check_saturation(pixels: Pixels, name: object, scale: float = FULL_SCALE) -> None:
+    """Refuse a photograph ``(row, column, channel)`` with too many pixels at its full ``scale``.
 
     Raises:
         CaptureError: names their part, and what to do.
     """
+    over = np.any(pixels >= scale * (SATURATED_COUNTS / FULL_SCALE), axis=2)
+    _refuse(np.asarray(over), f"{name} is over-exposed in")
+
+
+def _refuse(over: NDArray[np.bool_], what: str) -> None:
     part = float(over.mean())
     if part > MAX_OVEREXPOSED_FRACTION:
         raise CaptureError(

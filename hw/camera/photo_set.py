@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hw.camera.full_scale import FULL_SCALE, SATURATED_COUNTS, refuse_overexposed
+from hw.camera.full_scale import FULL_SCALE, check_saturation
 from hw.camera.opencv_camera import CameraDevice
 from hw.errors import CaptureError
 from hw.leds.fiber_lights import FiberLights, sweep
@@ -43,8 +43,7 @@ def check_photo(counts: Array, rows: int, columns: int, name: str) -> None:
             f"scene's camera; {step}",
             field="capture",
         )
-    over = np.asarray(np.any(counts >= SATURATED_COUNTS, axis=2))
-    refuse_overexposed(over, f"{name} is over-exposed in")
+    check_saturation(counts, name)
 
 
 def linear(counts: Array, gamma: float) -> Array:
