@@ -34,11 +34,11 @@ HEAD: tuple[tuple[str, Callable[[float], bool], str], ...] = (
     ("number of planes", _whole, WHOLE),
     ("photometric type", lambda v: v == 1, "1, which is C: planes through the axis"),
     ("type of units", lambda v: v in (1, 2), "1 (feet) or 2 (meters)"),
-    ("width", lambda v: True, ""),
-    ("length", lambda v: True, ""),
-    ("height", lambda v: True, ""),
+    ("width", lambda _: True, ""),
+    ("length", lambda _: True, ""),
+    ("height", lambda _: True, ""),
     ("ballast factor", lambda v: v > 0, "above 0"),
-    ("number for future use", lambda v: True, ""),
+    ("number for future use", lambda _: True, ""),
     ("input watts", lambda v: v >= 0, "at least 0"),
 )
 """Numbers before the angles, what each may be, and that in words."""

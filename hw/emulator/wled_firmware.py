@@ -102,7 +102,7 @@ class WledFirmware:
         }  # fmt: skip
         self._show()
 
-    def take(self, content: bytes, now: float) -> bytes:
+    def take(self, content: bytes, _now: float) -> bytes:
         """Obey every whole JSON object; answer those that ask for it with ``v``, and ``l``."""
         *lines, self._buffer = (self._buffer + content).split(b"\n")
         answer = b""

@@ -97,11 +97,11 @@ class FiberLights:
     def _show(self, levels: Levels) -> None:
         try:
             self._board.show(levels)
-        except LinkError as error:
-            self._recover(levels, error)
+        except LinkError:
+            self._recover(levels)
         self._shown, self._lost = levels, False
 
-    def _recover(self, levels: Levels, cause: LinkError | None = None) -> None:
+    def _recover(self, levels: Levels) -> None:
         """Open the board again; first dark, because nobody knows what it shows, then ``levels``."""
         self._board.close()
         deadline, pause = time.monotonic() + self._patience, 0.1
@@ -111,14 +111,14 @@ class FiberLights:
                 self._board.show(dark(self.channels.needed))
                 self._board.show(levels)
                 return
-            except (PortError, LinkError) as error:
+            except (PortError, LinkError):
                 self._board.close()
                 if time.monotonic() + pause > deadline:
-                    raise self._given_up(cause or error) from None
+                    raise self._given_up() from None
             time.sleep(pause)
             pause = min(2 * pause, 1.0)
 
-    def _given_up(self, cause: HardwareError) -> LinkError:
+    def _given_up(self) -> LinkError:
         self._lost = True
         after = self._board.dark_after
         then = (

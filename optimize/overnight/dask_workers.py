@@ -129,7 +129,7 @@ class DaskWorkers:
         """Number of workers now."""
         return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
 
-    def render(self, jobs: Sequence[RenderJob], state: State, tick: Tick) -> Iterator[FinishedJob]:
+    def render(self, jobs: Sequence[RenderJob], _state: State, tick: Tick) -> Iterator[FinishedJob]:
         """Yield the results as they come; unfinished jobs of a worker are not kept."""
         arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         out: dict[str, int] = {}

@@ -236,7 +236,7 @@ def verify_finalists(
             "seeds": [context.random_seed(FINAL_PURPOSE, first + i) for i in range(amount["seeds"])]
         }
 
-    def work(number: int, decided: dict[str, Any]) -> None:
+    def work(_number: int, decided: dict[str, Any]) -> None:
         context.stage("Final verification", "final")
         seeds, samples = decided["seeds"], amount["samples"]
         parts.append(

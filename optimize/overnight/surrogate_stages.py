@@ -148,7 +148,7 @@ def _render_passes(context: RunContext) -> dict[str, Any]:
     seeds: list[int] = []
     group = max(1, 2 * context.renders.workers.count // (2 * len(table_bends(context))))
 
-    def plan(number: int, longest: float) -> dict[str, Any]:
+    def plan(_number: int, _longest: float) -> dict[str, Any]:
         last = min(len(seeds) + group, amount["passes"])
         more = [context.random_seed(TABLE_PURPOSE, i) for i in range(len(seeds), last)]
         if not more:
@@ -160,7 +160,7 @@ def _render_passes(context: RunContext) -> dict[str, Any]:
                 return {"stop": TIME_USED}
         return {"seeds": more}
 
-    def work(number: int, decided: dict[str, Any]) -> None:
+    def work(_number: int, decided: dict[str, Any]) -> None:
         began = context.store.spent()
         jobs = _jobs(context, amount["samples"], decided["seeds"])
         clock = Clock(sum(job.samples for job in jobs), context.progress)

@@ -104,7 +104,7 @@ def scene_model(
             is given and the coarse preview asked for.
         GraphicsError: there is none, and no OpenGL library can draw the preview.
     """
-    tell = progress or (lambda at: None)
+    tell = progress or (lambda _: None)
     if coarse and given is not None:
         raise ModelError(
             f"--coarse asks for the preview, --model for {given}, allowed: one of them",

@@ -89,7 +89,7 @@ class TimedRenders:
         self,
         designs: Sequence[Design],
         *,
-        samples: int,
+        samples: int,  # noqa: ARG002 - all `RenderDesigns` take it
         seeds: Sequence[int],
         title: str,
         allocation: SampleAllocation = EVERYTHING,

@@ -134,7 +134,7 @@ class BentImages(MirrorImages):
 
     @dr.syntax
     def draw(
-        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
+        self, a: Vertex, y: Vertex, number: mi.Float, _candidates: Sequence[Numbers] = ()
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
         segment = mi.UInt32(0)

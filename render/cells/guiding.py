@@ -50,7 +50,7 @@ class FiberGlow:
         return mi.Point3f(parts[0]), parts[1], parts[2], parts[3]
 
     def sample(
-        self, fiber: mi.UInt32, v: Vertex, pick: mi.Float, x: mi.Float, y: mi.Float
+        self, fiber: mi.UInt32, v: Vertex, _pick: mi.Float, x: mi.Float, y: mi.Float
     ) -> mi.Vector3f:
         """Return directions from ``v`` towards the glow of ``fiber``; ``pick`` is not needed."""
         foot, along, _, up = self._frame(fiber)

@@ -143,20 +143,20 @@ class MirrorImages(ABC):
     def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
         """Return the number of the plane that an image over one mirror takes."""
 
-    def arriving(self, image: mi.UInt32, direction: mi.Vector3f, p: mi.Point3f) -> mi.Vector3f:
+    def arriving(self, image: mi.UInt32, direction: mi.Vector3f, _p: mi.Point3f) -> mi.Vector3f:
         """Return how a line to the image of ``p`` arrives at ``p`` that begins by ``direction``."""
         return self.folded(image, direction)
 
-    def reaches(self, image: mi.UInt32, p: mi.Point3f) -> mi.Bool:
+    def reaches(self, image: mi.UInt32, _p: mi.Point3f) -> mi.Bool:
         """Return whether ``p`` is connected over the mirrors of ``image``, and not straight."""
         return image > 0
 
-    def square_of_index(self, p: mi.Point3f) -> mi.Float:
+    def square_of_index(self, _p: mi.Point3f) -> mi.Float:
         """Return the squared index at ``p`` over that at the facet."""
         return mi.Float(1.0)
 
     def follow(
-        self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, y: Vertex, going: mi.Bool
+        self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, _y: Vertex, going: mi.Bool
     ) -> FoldedLine:
         """Follow a line to ``y`` along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
         mirror = self._mirror(b)
@@ -175,11 +175,11 @@ class MirrorImages(ABC):
         chance = chain.chance * chosen
         return ImageChain(chain.image + mirror, fits, chance, chain.depth, chain.d_vcm)
 
-    def broken(self, v: Vertex, refracted: mi.Bool) -> mi.Bool:
+    def broken(self, _v: Vertex, refracted: mi.Bool) -> mi.Bool:
         """Return whether a chain ends at ``v``, where it was ``refracted`` or not."""
         return refracted
 
-    def index_at(self, p: mi.Point3f) -> mi.Float:
+    def index_at(self, _p: mi.Point3f) -> mi.Float:
         """Return the index on the inner side of a face at ``p``."""
         return self.index
 

@@ -103,7 +103,7 @@ class Bidirectional(mi.SamplingIntegrator):
     @steady_registry()
     def render(
         self, scene: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0, develop: bool = True,
-        evaluate: bool = True,
+        evaluate: bool = True,  # noqa: ARG002 - Mitsuba passes it
     ) -> Any:  # fmt: skip
         """Render the scene; returns ``(height, width, channel)``.
 

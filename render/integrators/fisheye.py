@@ -24,7 +24,7 @@ class FisheyeCamera(mi.Sensor):
 
     def sample_ray(
         self, time: mi.Float, _wavelength: mi.Float, position: mi.Point2f, _aperture: mi.Point2f,
-        active: mi.Bool = True,
+        _active: mi.Bool = True,
     ) -> tuple[mi.Ray3f, mi.Color3f]:  # fmt: skip
         """Return the ray through ``position`` in [0, 1]^2 of the crop, with weight 1."""
         film = self.film()

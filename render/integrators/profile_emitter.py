@@ -66,7 +66,7 @@ class ProfileEmitter(mi.Emitter):
         return mi.Float(0.0) if shape is None else shape.pdf_position(ps, active)
 
     def sample_ray(
-        self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        self, time: Any, _sample1: Any, sample2: Any, sample3: Any, active: Any = True
     ) -> tuple[Any, Any]:
         """Sample a ray with density close to its power."""
         ps, weight = self.sample_position(time, sample2, active)
@@ -93,18 +93,18 @@ class ProfileEmitter(mi.Emitter):
         value = self.eval_direction(it, ds, active)
         return ds, dr.select(ds.pdf > 0, value / ds.pdf, 0.0)
 
-    def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+    def pdf_direction(self, _it: Any, ds: Any, active: Any = True) -> Any:
         """Return the density per solid angle of ``sample_direction``."""
         cosine, shape = -dr.dot(ds.d, ds.n), self.get_shape()
         area = mi.Float(math.inf) if shape is None else shape.surface_area()
         return dr.select(active & (cosine > 0), dr.square(ds.dist) / (cosine * area), 0.0)
 
-    def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+    def eval_direction(self, _it: Any, ds: Any, active: Any = True) -> Any:
         """Return the radiance from the point ``ds`` towards ``it``."""
         local = mi.Frame3f(ds.n).to_local(-ds.d)
         return dr.select(active & (local.z > 0), self.radiance(local), 0.0)
 
-    def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+    def sample_wavelengths(self, si: Any, _sample: Any, active: Any = True) -> tuple[Any, Any]:
         """Return no wavelengths: the emitter is gray, for mono and rgb variants."""
         return mi.Color0f(), self.eval(si, active)
 

@@ -26,7 +26,7 @@ def stacked(records: list[Any], lanes: int) -> Any:
     """Return evaluated records of ``lanes`` entries each, one after the other."""
     leaves = zip(*(_leaves(record) for record in records), strict=True)
 
-    def leaf(kind: Any) -> Any:
+    def leaf(_kind: Any) -> Any:
         # What is the same in all lanes may be there only once.
         each = (x if dr.width(x) == lanes else dr.repeat(x, lanes) for x in next(leaves))
         return dr.concat(list(each))

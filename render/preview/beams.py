@@ -121,7 +121,7 @@ class Beams:
         emission = emission.reshape(3, -1, one.shape[-1])
         return self.position.reshape(1, -1, 4)[:, shines], emission[:, shines]
 
-    def unit_amounts(self, phi: Array, power: Array) -> Array:
+    def unit_amounts(self, _phi: Array, _power: Array) -> Array:
         """Return none."""
         return np.zeros((3, 0))
 

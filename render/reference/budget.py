@@ -179,7 +179,7 @@ class _Rounds:
         results = self._round(units, None)
         while True:
             self.reserved = self.reserve()
-            more = self._affordable(units)
+            more = self._affordable()
             if not more:
                 break
             try:
@@ -195,7 +195,7 @@ class _Rounds:
     def _left(self) -> float:
         return self.budget.left() - self.reserved
 
-    def _affordable(self, units: int) -> int:
+    def _affordable(self) -> int:
         """Return how many units the next round adds; 0 when the time is used."""
         paces = [pace for pace in self.paces if pace is not None]
         if len(paces) < len(self.jobs):

@@ -188,7 +188,7 @@ def run_job(
         if state is not None:
             write_npz(state, run.state() | {"seconds": np.array(time.monotonic() - began)})
 
-    report = tick or (lambda count: None)
+    report = tick or (lambda _: None)
     if run.done:
         report(run.done * job.chains)
     while run.done < job.iterations:

@@ -126,7 +126,7 @@ def placement_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]
             )
 
 
-def aim_problems(lamps: tuple[PlacedLamp, ...], box: Box) -> Iterator[str]:
+def aim_problems(lamps: tuple[PlacedLamp, ...]) -> Iterator[str]:
     """Yield which lamps in the air turn their back on the pad, the first of a row.
 
     One that shines along its face is none: half of its cone meets the pad. Lamps that turn are

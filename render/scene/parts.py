@@ -223,7 +223,7 @@ class CarriedSites(Part):
 
     @model_validator(mode="before")
     @classmethod
-    def _not_in_files(cls, raw: Any) -> Any:
+    def _not_in_files(cls, _raw: Any) -> Any:
         raise ValueError("no scene file has this key, allowed: none")
 
 

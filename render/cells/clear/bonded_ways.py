@@ -107,7 +107,7 @@ class BondedLine(LampLine):
 
     tube: Tube
 
-    def spread(self, index: float) -> Callable[[mi.Float], mi.Float]:
+    def spread(self, _index: float) -> Callable[[mi.Float], mi.Float]:
         """Return what becomes of a solid angle in the pad, so many mm behind its face."""
         return self.tube.at
 

@@ -119,7 +119,7 @@ class LampWays:
         dr.make_opaque(self.metal_sides, self.box)
         candidates = self._candidates(scene)
         self._upload([(lamp, way) for lamp, ways in enumerate(candidates) for way in ways])
-        self._weigh(scene, candidates)
+        self._weigh(candidates)
 
     # -- which ways there are ------------------------------------------------------------------
 
@@ -186,7 +186,7 @@ class LampWays:
             [*sign, *shift, *begin, *size, axis, travel, plane, 0.0], wall_reflections(way.cells)
         )  # fmt: skip
 
-    def _weigh(self, scene: Scene, candidates: list[list[LampWay]]) -> None:
+    def _weigh(self, candidates: list[list[LampWay]]) -> None:
         """Decide which ways are evaluated always, and the probabilities of the others."""
         entries = np.arange(self.entries)
         ends = np.cumsum([len(ways) for ways in candidates])
@@ -296,8 +296,8 @@ class LampWays:
         return Joined(direction, line, through, chance, mi.UInt32(NO_TURN), valid)
 
     def leaving(
-        self, begin: mi.Point3f, p: mi.Point3f, n: mi.Normal3f, d: mi.Vector3f,
-        outside: mi.Vector3f, before: mi.Float, below: mi.Float, inside_cos: mi.Float,
+        self, _begin: mi.Point3f, p: mi.Point3f, _n: mi.Normal3f, _d: mi.Vector3f,
+        outside: mi.Vector3f, before: mi.Float, _below: mi.Float, inside_cos: mi.Float,
         outside_cos: mi.Float,
     ) -> LampLine:  # fmt: skip
         """Return the line of light from ``begin`` that leaves a face at ``p`` along ``outside``.

@@ -204,7 +204,7 @@ def _lamp_problems(scene: Scene) -> Iterator[str]:
     if can_be_placed(scene.rows or (), listed):
         placed = [lamp for lamp in scene.placed_lamps() if fibers is None or lamp.edge is None]
         yield from placement_problems(tuple(placed), scene.box)
-        yield from aim_problems(tuple(placed), scene.box)
+        yield from aim_problems(tuple(placed))
         refracts = scene.window_refracts
         yield from embedding_problems(tuple(placed), scene.box, refracts=refracts)
         yield from deep_row_problems(scene.rows or (), tuple(placed))

@@ -110,7 +110,7 @@ class Scene(Part):
     free: FreeRanges | None = None
     _written: Written | None = None
 
-    def __init__(self, *given: object, **content: object) -> None:
+    def __init__(self, *_given: object, **content: object) -> None:
         """Say how scenes are made: what a file holds is read by `load_scene` alone."""
         keys = ", ".join(content)
         raise SceneError(
