@@ -12,13 +12,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from render.arrays import Array
-from render.geometry import (
-    FiberHolder,
-    camera_coverage,
-    counted_sites,
-    flat_sites,
-    seen_rule,
-)
+from render.geometry import FiberHolder, camera_coverage, counted_sites, flat_sites, seen_rule
 from render.geometry.lamp_reach import light_shares, shares_before_face
 from render.scene import (
     EDGES,

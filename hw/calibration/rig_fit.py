@@ -15,11 +15,7 @@ from hw.calibration.line_model import LineModel
 from hw.calibration.material import MaterialSpace
 from hw.calibration.measurement import LineReader, Measurement
 from hw.calibration.reference_lines import Setup
-from hw.calibration.residuals import (
-    CalibrationResiduals,
-    StandardErrors,
-    standard_errors,
-)
+from hw.calibration.residuals import CalibrationResiduals, StandardErrors, standard_errors
 from hw.camera.photo_set import PhotoSet
 from hw.errors import CalibrationError
 from optimize.scoring import normal_factor

@@ -16,14 +16,7 @@ import numpy as np
 from hw.camera.full_scale import FULL_SCALE, check_exposure, full_scale, in_counts
 from hw.camera.lens import load_lens
 from hw.camera.photo_file import Photo, read_photo
-from hw.camera.photo_set import (
-    SAVED_SCALE,
-    PhotoSet,
-    check_dark,
-    check_photo,
-    linear,
-    photo_set,
-)
+from hw.camera.photo_set import SAVED_SCALE, PhotoSet, check_dark, check_photo, linear, photo_set
 from hw.camera.projection import Dewarp
 from hw.errors import CaptureError
 from optimize.ui.console import note

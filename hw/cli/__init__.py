@@ -8,16 +8,7 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import (
-    calibrate,
-    capture,
-    check,
-    demo,
-    emulate,
-    lights,
-    linearity,
-    wiring_sheet,
-)
+from hw.cli import calibrate, capture, check, demo, emulate, lights, linearity, wiring_sheet
 from optimize.cli import app, main
 from optimize.ui.command import Command
 

@@ -14,13 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.mirror_images import (
-    COSINE_MIN,
-    ON_FACE,
-    MirrorImages,
-    metal_faces,
-    mirror_faces,
-)
+from render.cells.mirror_images import COSINE_MIN, ON_FACE, MirrorImages, metal_faces, mirror_faces
 from render.geometry.bending import bend_points
 from render.geometry.meshes import pad_grid
 from render.paths.vertex import Vertex

@@ -12,13 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.mirror_images import (
-    COSINE_MIN,
-    ON_FACE,
-    MirrorImages,
-    metal_faces,
-    mirror_faces,
-)
+from render.cells.mirror_images import COSINE_MIN, ON_FACE, MirrorImages, metal_faces, mirror_faces
 from render.paths.vertex import Vertex
 from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Numbers

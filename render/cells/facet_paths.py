@@ -37,12 +37,7 @@ from render.paths.vertex import (
     has_wide_lobe,
     passes_behind,
 )
-from render.paths.walk import (
-    GuidingDistribution,
-    begin_subpath,
-    sample_scattering,
-    trace_segment,
-)
+from render.paths.walk import GuidingDistribution, begin_subpath, sample_scattering, trace_segment
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Numbers, Stream

@@ -21,10 +21,7 @@ import numpy as np
 from render.errors import RenderError
 from render.integrators.profile_emitter import ProfileEmitter
 from render.optics.fiber_profile import angle
-from render.optics.measured_profile import (
-    measured_density,
-    sample_measured,
-)
+from render.optics.measured_profile import measured_density, sample_measured
 from render.scene.measured_profile import MeasuredProfile
 
 COSINE_MIN = 1e-6

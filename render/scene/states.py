@@ -25,13 +25,7 @@ from render.arrays import Array
 from render.scene.parts import CarriedSites, Pad, Sites
 from render.scene.quantities import Part, Quantity, unchecked
 from render.scene.skin import Skin
-from render.scene.skin_mesh import (
-    MeshHeights,
-    MeshSamples,
-    closed_body,
-    named_file,
-    spline_through,
-)
+from render.scene.skin_mesh import MeshHeights, MeshSamples, closed_body, named_file, spline_through
 
 if TYPE_CHECKING:
     import trimesh

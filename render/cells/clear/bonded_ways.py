@@ -21,13 +21,7 @@ from render.arrays import Array
 from render.cells.bond_optics import Tube, WindowBond, reflected_by_walls, tube_behind
 from render.cells.bonded_aim import shortest_way
 from render.cells.clear.lamp_ways import BEHIND, GRID, Joined, LampLine, LampWays, face_way
-from render.cells.clear.pad_surfaces import (
-    BOND_MET,
-    BOND_PASSED,
-    FROM_WINDOW,
-    LOWER_MET,
-    NO_TURN,
-)
+from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, FROM_WINDOW, LOWER_MET, NO_TURN
 from render.cells.clear.unfolded_cells import (
     CODES,
     LampWay,

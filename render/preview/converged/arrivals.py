@@ -17,13 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
-from render.geometry import (
-    SkinChart,
-    counted_sites,
-    declared_sites,
-    facets,
-    fiber_poses,
-)
+from render.geometry import SkinChart, counted_sites, declared_sites, facets, fiber_poses
 from render.geometry.visibility import BACKGROUND_RADIUS
 from render.preview.converged.block import (
     beam_widths,

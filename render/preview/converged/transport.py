@@ -30,19 +30,8 @@ from render.preview.converged.arrivals import (
     no_arrivals,
     receivers_at,
 )
-from render.preview.converged.block import (
-    bent_block,
-    cell_count,
-    face_grid,
-    term_count,
-    wide_from,
-)
-from render.preview.converged.color_noise import (
-    MAX_ROUNDS,
-    NOISE_LIMIT,
-    Halved,
-    color_noise,
-)
+from render.preview.converged.block import bent_block, cell_count, face_grid, term_count, wide_from
+from render.preview.converged.color_noise import MAX_ROUNDS, NOISE_LIMIT, Halved, color_noise
 from render.preview.converged.exit_field import exit_field
 from render.preview.converged.irradiance import Gathering, field_of, irradiance
 from render.preview.converged.walks import FaceGrid

@@ -17,12 +17,7 @@ from render.files import read_npz, write_npz
 from render.geometry import flat_fiber_poses
 from render.preview.diffuser.emission import FiberEnd
 from render.preview.diffuser.random_walk import Slab
-from render.preview.diffuser.response import (
-    OPAQUE_THICKNESS,
-    RAYS,
-    SlabResponse,
-    compute_response,
-)
+from render.preview.diffuser.response import OPAQUE_THICKNESS, RAYS, SlabResponse, compute_response
 from render.scene import Edge, Scene
 
 VERSION = 4

@@ -19,17 +19,9 @@ from pydantic import Field, model_validator
 from render.arguments import as_kind
 from render.errors import SceneError
 from render.scene.camera import Camera
-from render.scene.colors import (
-    LedColor,
-    Palette,
-    palette_of,
-)
+from render.scene.colors import LedColor, Palette, palette_of
 from render.scene.constraints import Constraints
-from render.scene.faces import (
-    Finish,
-    NamedFaces,
-    finishes,
-)
+from render.scene.faces import Finish, NamedFaces, finishes
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamps import (
     EDGES,
@@ -42,16 +34,7 @@ from render.scene.lamps import (
     Row,
     placed_lamps,
 )
-from render.scene.parts import (
-    Baseline,
-    Bending,
-    Coating,
-    Diffuser,
-    Indenter,
-    Pad,
-    Sites,
-    Window,
-)
+from render.scene.parts import Baseline, Bending, Coating, Diffuser, Indenter, Pad, Sites, Window
 from render.scene.quantities import Part, since_schema_2, unchecked
 from render.scene.schema.content_hash import content_hash
 from render.scene.schema.fitting import fitting_problems
