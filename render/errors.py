@@ -7,12 +7,13 @@ class TactiluxError(Exception):
     """Base of every error that a user can cause and can mend.
 
     The message is one sentence that holds value and range and ends with the next step; ``field``
-    is what it is about. Commands print it on stderr and exit with code 2.
+    is what it is about. Commands print it on stderr and exit with code 2, and name the ``option``
+    that is meant: the message itself has the words of Python.
     """
 
-    def __init__(self, message: str, *, field: str = "") -> None:
+    def __init__(self, message: str, *, field: str = "", option: str = "") -> None:
         super().__init__(message)
-        self.field = field
+        self.field, self.option = field, option
 
 
 class SceneError(TactiluxError):

@@ -84,7 +84,7 @@ def unit_of_body(extents: ArrayLike, pad: float) -> Unit:
     if len(fitting) == 1:
         return fitting[0]
     sizes = ", ".join(f"{unit} ({size * mm:.4g} mm)" for unit, mm in UNITS.items())
-    raise ValueError(f"does not say its unit, and is {size:.3g} of it in size: give --unit {sizes}")
+    raise ValueError(f"does not say its unit, and is {size:.3g} of it in size: give unit, {sizes}")
 
 
 def unit_of_outline(sides: Array, pad: tuple[float, float] | None) -> Unit:

@@ -299,7 +299,7 @@ def _check(scene: Scene, table: TransportTable) -> None:
     if MaterialRange.of(scene) is not None:
         raise TableError(
             f"scene {scene.name} leaves its material free, and a table knows one material: "
-            "train without --table, or leave the section free out of the scene",
+            "train without a table, or leave the section free out of the scene",
             field="free",
         )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -325,3 +327,31 @@ def test_a_name_a_path_and_a_scene_are_the_same_scene(here: SimpleNamespace) -> 
     for design in (here.design_file, str(here.design_file)):
         rated = tactilux.rate(design, file, model=MODEL)
         assert rated.rating.score == pytest.approx(234.0, abs=1.0)
+
+
+OPTION = re.compile(r"(?<![\w-])--[a-z]")
+OF_COMMANDS = {"cli", "ui", "overnight", "frontier", "new_scene.py"}
+"""Rooms and modules that commands alone use."""
+
+
+def messages_with_options(path: Path) -> Iterator[int]:
+    """Yield the lines of errors that name an option, other than by their ``option``."""
+    for raised in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(raised, ast.Raise):
+            continue
+        own = {node for part in ast.walk(raised)
+               if isinstance(part, ast.keyword) and part.arg == "option"
+               for node in ast.walk(part)}  # fmt: skip
+        words = [node.value for node in ast.walk(raised)
+                 if isinstance(node, ast.Constant) and node not in own]  # fmt: skip
+        message = " ".join(word for word in words if isinstance(word, str))
+        if OPTION.search(message) and "tactilux " not in message:  # whole commands are for all
+            yield raised.lineno
+
+
+def test_no_error_of_python_names_an_option_of_the_command_line() -> None:
+    root = Path(tactilux.__file__).parent
+    files = [file for name in ("render", "surrogate", "optimize") for file in
+             (root / name).rglob("*.py") if not OF_COMMANDS & set(file.parts)]  # fmt: skip
+    told = [f"{file}:{line}" for file in files for line in messages_with_options(file)]
+    assert not told

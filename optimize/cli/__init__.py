@@ -120,7 +120,7 @@ def _refuse(sentence: str | None) -> NoReturn:
 def _sentence(error: BaseException) -> str | None:
     """Return what a user reads instead of a traceback; None for a mistake of the program."""
     if isinstance(error, TactiluxError):
-        return str(error)
+        return f"{error} ({error.option})" if error.option else str(error)
     if isinstance(error, ModuleNotFoundError):
         package = (error.name or "").partition(".")[0]
         extra = next((name for name, packages in PACKAGES.items() if package in packages), None)

@@ -262,8 +262,9 @@ def open_rated(path: Path, scene_name: str | None = None) -> RatedDesign:
     if named is None:
         raise DesignError(
             f"{path} is for scene {saved.scene}, which does not come with tactilux, and there is "
-            f"no {saved.scene}.toml here: name its TOML file with --scene",
+            f"no {saved.scene}.toml here: name its TOML file",
             field="scene",
+            option="--scene",
         )
     scene = load_scene(named)
     design = load_design(path, scene)

@@ -47,12 +47,13 @@ def load_layout(path: Path, scene_name: str | None = None) -> tuple[Scene, Desig
     content = _content(path)
     named = scene_name or content.get("scene")
     if not isinstance(named, str) or not named:
-        raise _refusal(path, ['it names no scene: add scene = "..." or give --scene'])
+        raise _refusal(path, ['it names no scene: add scene = "..." or give one'],
+                       option="--scene")  # fmt: skip
     given = content.get("scene_hash", "")
     found = scene_name or find_scene(named, path, given if isinstance(given, str) else "")
     if found is None:
-        raise _refusal(path, [f"scene = {in_json(named)} is neither a shipped scene nor a file: "
-                              "name its TOML file with --scene"])  # fmt: skip
+        problem = f"scene = {in_json(named)} is neither a shipped scene nor a file"
+        raise _refusal(path, [f"{problem}: name its TOML file"], option="--scene")
     scene = load_scene(found)
     fibers, problems = scene.lamp_count, []
     known = {*KEYS, *(RATED if "schema" in content else ())}
@@ -174,5 +175,6 @@ def _all_numbers(given: Any) -> bool:
     return isinstance(given, int | float) and not isinstance(given, bool)
 
 
-def _refusal(path: Path, problems: list[str]) -> DesignError:
-    return DesignError(f"{path} is not a valid layout: {'; '.join(problems)}", field="design")
+def _refusal(path: Path, problems: list[str], option: str = "") -> DesignError:
+    said = f"{path} is not a valid layout: {'; '.join(problems)}"
+    return DesignError(said, field="design", option=option)

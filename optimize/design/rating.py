@@ -10,14 +10,7 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.design.limits import dimmed_baseline
-from render.metric import (
-    THESIS,
-    MetricConfig,
-    design_score,
-    image_counts,
-    score_terms,
-    site_metric,
-)
+from render.metric import THESIS, MetricConfig, design_score, image_counts, score_terms, site_metric
 from render.scene import Scene
 from render.transport import Level
 

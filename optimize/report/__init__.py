@@ -26,12 +26,7 @@ from optimize.report.illustrations import (
     picture_png,
     png_bytes,
 )
-from optimize.report.optimization_report import (
-    TITLES,
-    conclusions,
-    doubts,
-    write_optimization,
-)
+from optimize.report.optimization_report import TITLES, conclusions, doubts, write_optimization
 from optimize.report.page import (
     building_steps,
     clipping_warning,

@@ -15,12 +15,7 @@ from optimize.design import PARTS, Design, Rating, keep_scene, kept_name, level_
 from optimize.exploration import Exploration, Stage, rate
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
 from optimize.play import PlayPage, write_play
-from optimize.report.illustrations import (
-    camera_pictures,
-    convergence,
-    design_pictures,
-    png_bytes,
-)
+from optimize.report.illustrations import camera_pictures, convergence, design_pictures, png_bytes
 from optimize.report.page import (
     building_steps,
     clipping_warning,

@@ -11,14 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from optimize.design import Rating, save_design
-from optimize.mounting import (
-    ErrorCost,
-    JigError,
-    Mounting,
-    drilling_jig,
-    stl_bytes,
-    wiring_csv,
-)
+from optimize.mounting import ErrorCost, JigError, Mounting, drilling_jig, stl_bytes, wiring_csv
 from optimize.report.illustrations import beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
 from render.describe import limit_sentences

@@ -103,16 +103,18 @@ def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:
     if scene.window is not None and scene.window_refracts:
         raise SceneError(
             f"window.index = {scene.window.index:g}: shadows of a bolt are known along straight "
-            f"light alone, allowed: pad.index = {scene.pad.index:g}; leave out --shadow",
+            f"light alone, allowed: pad.index = {scene.pad.index:g}; leave shadows out",
             field="window.index",
+            option="--shadow",
         )
     embedded = flat_fiber_poses(scene).inside
     if scene.diffuser is not None and embedded.any():
         raise SceneError(
             f"lamp {int(embedded.argmax())} is inside the silicone: beside a diffuser the shadows "
             "of a bolt are known of lamps in the air alone, allowed: no lamp inside, or no "
-            "diffuser; leave out --shadow",
+            "diffuser; leave shadows out",
             field="lamps",
+            option="--shadow",
         )
     scene = with_bonded_window(scene)
     thick = scene.pad.thickness

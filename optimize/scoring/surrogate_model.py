@@ -49,9 +49,10 @@ def trained_model(
             return Checker.for_scene(given, scene, threads=threads)
         beside = [str(file.parent) for file in given.parent.glob(f"*/{MODEL_FILE}")]
         raise ModelError(
-            f"there is no {MODEL_FILE} in {given}: name the folder of a model with --model or make "
-            f"one with tactilux train{did_you_mean(given, beside)}",
+            f"there is no {MODEL_FILE} in {given}: name the folder of a model or make one with "
+            f"tactilux train{did_you_mean(given, beside)}",
             field="model",
+            option="--model",
         )
     found: list[Path] = []
     for place in (Path("models"), Path(__file__).resolve().parents[2] / "models"):
@@ -107,8 +108,9 @@ def scene_model(
     tell = progress or (lambda _: None)
     if coarse and given is not None:
         raise ModelError(
-            f"--coarse asks for the preview, --model for {given}, allowed: one of them",
+            f"coarse asks for the preview, but {given} for a model, allowed: one of them",
             field="model",
+            option="--coarse or --model",
         )
     checker = None if coarse else trained_model(scene, given, threads=threads)
     if checker is None:

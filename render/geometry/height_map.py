@@ -115,7 +115,7 @@ class HeightMap:
         moved = (skin - self.depth)[held].max()
         if moved > EDGE_PART * self.deepest:
             raise SceneError(
-                f"--smooth {length:g} mm moves the skin at the pad's edge by {moved:.2g} mm, "
+                f"smooth = {length:g} mm moves the skin at the pad's edge by {moved:.2g} mm, "
                 f"allowed: {EDGE_PART:.0%} of the depth of {self.deepest:.3g} mm; take a shorter "
                 "length, or a smaller body",
                 field="smooth",

@@ -57,7 +57,7 @@ def body_of_file(
         depth = min(FILE_DEPTH, 0.25 * scene.pad.thickness, height)
     elif depth > height:
         raise SceneError(
-            f"--depth {depth:g} mm of {path}, which is {height:.3g} mm high, allowed: up to that; "
+            f"depth = {depth:g} mm of {path}, which is {height:.3g} mm high, allowed: up to that; "
             f"{about}",
             field="depth",
         )
@@ -73,7 +73,7 @@ def body_of_file(
     untouched = skin_heights(scene, x, y) - center[2]
     if lowest.min() <= -center[2]:
         raise SceneError(
-            f"--depth {depth:g} mm of {path} goes through the pad, which is {center[2]:.3g} mm "
+            f"depth = {depth:g} mm of {path} goes through the pad, which is {center[2]:.3g} mm "
             "thick there, allowed: less",
             field="depth",
         )
@@ -99,8 +99,8 @@ def _triangles(scene: Scene, path: Path, unit: Unit | None) -> tuple[Array, str]
     try:
         found = unit or named or unit_of_body(extents, pad)
     except ValueError as error:
-        raise SceneError(f"{path} {error}", field="unit") from None
-    why = "--unit" if unit else "as it says" if named else "by its size: --unit for another"
+        raise SceneError(f"{path} {error}", field="unit", option="--unit") from None
+    why = "as given" if unit else "as it says" if named else "by its size: give unit for another"
     triangles = np.asarray(mesh.triangles, dtype=np.float64) * UNITS[found]
     return triangles, f"{path.name} is {size_in_words(extents, found, pad)}, {why}"
 

@@ -49,12 +49,12 @@ def probe(
     """
     if unit is not None and press in PROBES:
         raise SceneError(
-            f"--unit {unit} with --press {press}, allowed: with a mesh file", field="unit"
+            f"unit = {unit} with press = {press}, allowed: with a mesh file", field="unit"
         )
     if press in ("none", "pyramids"):
         if depth is not None:
             raise SceneError(
-                f"--depth {depth:g} with --press {press}, allowed: with ball, bolt, edge or a mesh "
+                f"depth = {depth:g} with press = {press}, allowed: with ball, bolt, edge or a mesh "
                 "file; indenter.radius and indenter.slope of the scene say how deep pyramids are",
                 field="depth",
             )
@@ -64,7 +64,7 @@ def probe(
     if press not in PROBES:
         if not Path(press).is_file():
             raise SceneError(
-                f"--press {press!r} is no file, allowed: {', '.join(PROBES)} or a mesh file"
+                f"press = {press!r} is no file, allowed: {', '.join(PROBES)} or a mesh file"
                 f"{did_you_mean(press, PROBES)}",
                 field="press",
             )
@@ -77,7 +77,7 @@ def probe(
     if press == "ball":
         if deep >= BALL_RADIUS:
             raise SceneError(
-                f"--depth {deep:g} mm of the ball, allowed: less than its radius, {BALL_RADIUS:g} "
+                f"depth = {deep:g} mm of the ball, allowed: less than its radius, {BALL_RADIUS:g} "
                 "mm",
                 field="depth",
             )

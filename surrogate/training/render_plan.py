@@ -380,7 +380,7 @@ def check_reference(scene: Scene, table: TransportTable) -> None:
     if table.scene_hash != scene.hash or table.level != "reference":
         raise TableError(
             f"the table is of level {table.level!r} and scene {table.scene_hash or 'unknown'}, "
-            f"allowed: level 'reference' of scene {scene.hash}: leave --table out to render one",
+            f"allowed: level 'reference' of scene {scene.hash}: leave the table out to render one",
             field="table",
         )
 

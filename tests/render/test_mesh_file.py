@@ -44,7 +44,7 @@ def test_a_ball_of_80_mm_is_one_in_every_unit(
     skin = pressed(scene, ball(tmp_path, unit, kind=kind), unit)
     area = (skin.depth > 0).sum() * np.prod(skin.step)
     assert area == pytest.approx(np.pi * (80.0 * 0.5 - 0.25), rel=0.02)
-    assert f"is 80 x 80 x 80 mm in {unit}, --unit" in skin.about
+    assert f"is 80 x 80 x 80 mm in {unit}, as given" in skin.about
 
 
 @pytest.mark.parametrize("unit", ["mm", "m", "um"])
@@ -52,7 +52,9 @@ def test_a_unit_that_alone_fits_the_pad_is_found_and_said(
     scene: Scene, tmp_path: Path, unit: Unit
 ) -> None:
     skin = pressed(scene, ball(tmp_path, unit))
-    assert skin.about == f"{unit}.stl is 80 x 80 x 80 mm in {unit}, by its size: --unit for another"
+    assert (
+        skin.about == f"{unit}.stl is 80 x 80 x 80 mm in {unit}, by its size: give unit for another"
+    )
     assert (skin.depth > 0).sum() * np.prod(skin.step) > 100.0
 
 
@@ -67,9 +69,7 @@ def test_a_fingertip_too_small_for_mm_is_asked_for_its_unit(
     scene: Scene, tmp_path: Path, unit: Unit
 ) -> None:
     path = ball(tmp_path, unit, {"in": 8.0, "cm": 5.0}[unit])
-    with pytest.raises(
-        SceneError, match=r"does not say its unit, and .* give --unit mm \("
-    ) as said:
+    with pytest.raises(SceneError, match=r"does not say its unit, and .* give unit, mm \(") as said:
         pressed(scene, path)
     assert said.value.field == "unit"
     for word in ("mm (", "cm (", "m (", "in (", "um ("):
@@ -80,7 +80,7 @@ def test_a_dot_that_presses_nothing_names_its_unit(scene: Scene, tmp_path: Path)
     tip = trimesh.Trimesh([[0.0, 0.0, 0.0], [0.01, 0.0, 2.0], [0.01, 1e-4, 1.0]], [[0, 1, 2]])
     tip.export(tmp_path / "tip.stl")
     with pytest.raises(
-        SceneError, match=r"presses nothing, .*; tip\.stl is .* mm in mm .*, --unit"
+        SceneError, match=r"presses nothing, .*; tip\.stl is .* mm in mm .*, as given"
     ):
         pressed(scene, tmp_path / "tip.stl", "mm")
 
@@ -114,7 +114,7 @@ def test_a_remark_in_the_file_names_its_unit(
 
 
 def test_a_unit_is_for_files(scene: Scene) -> None:
-    with pytest.raises(SceneError, match="--unit m with --press ball, allowed: with a mesh file"):
+    with pytest.raises(SceneError, match="unit = m with press = ball, allowed: with a mesh file"):
         probe(scene, "ball", unit="m")
 
 

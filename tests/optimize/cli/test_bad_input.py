@@ -134,7 +134,7 @@ def test_a_corrupt_model_with_a_right_checksum(
 def test_a_foreign_model(
     refused: Callable[..., str], small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:
-    from onnx import TensorProto, helper
+    from onnx import TensorProto, helper, load
 
     value = helper.make_tensor_value_info
     graph = helper.make_graph(
@@ -143,11 +143,13 @@ def test_a_foreign_model(
         [value("x", TensorProto.FLOAT, [1])],
         [value("y", TensorProto.FLOAT, [1])],
     )
-    foreign = helper.make_model(
-        graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8
-    ).SerializeToString()
+    foreign = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=8)
     copy = shutil.copytree(small_model, tmp_path / "model")
-    replace_model(copy, foreign)
+    replace_model(copy, foreign.SerializeToString())
+    assert "it says 'nothing'" in refused("explore", small_scene, "--model", copy)
+    ours = load(small_model / "checker.onnx")
+    helper.set_model_props(foreign, {one.key: one.value for one in ours.metadata_props})
+    replace_model(copy, foreign.SerializeToString())
     assert "inputs ['x']" in refused("explore", small_scene, "--model", copy)
 
 

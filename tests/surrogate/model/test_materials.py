@@ -233,5 +233,5 @@ def test_one_table_is_not_enough_for_a_free_material(
         T=np.ones(shape), se=np.ones(shape), phi=np.array([0.0, np.pi]), exposure=1.0, lam=1.0,
         scene_hash=sensor.hash, level="reference", bends=np.array([0.0]),
     )  # fmt: skip
-    with pytest.raises(TableError, match="train without --table"):
+    with pytest.raises(TableError, match="train without a table"):
         train(sensor, tmp_path / "m", table=table, config=quick)
