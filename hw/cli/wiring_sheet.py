@@ -47,7 +47,7 @@ def run(
         feeds = Feeds(channels.leds, channels.order)
         errors, rating = [], None
         try:
-            checker = open_model(sensor, model)
+            checker = open_model(sensor, model, design=path)
         except ModelError as error:
             if model is not None:
                 raise

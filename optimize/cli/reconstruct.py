@@ -51,7 +51,7 @@ def run(
         candidate = open_rated(path, scene)
         designs = [candidate.baseline, candidate.design]
         if samples is None:
-            checker = model_of_design(candidate, model)
+            checker = model_of_design(candidate, model, path)
             level: str = checker.level
             pairs = [predicted_colors(checker, candidate.scene, design) for design in designs]
             known = shown = pairs

@@ -44,7 +44,7 @@ def run(
         spreads = tolerances_of(sensor)
         for told in usual_tolerances_note(sensor):
             note(told)
-        checker = model_of_design(candidate, model)
+        checker = model_of_design(candidate, model, path)
         table = search_table(checker)
         scorer = TableScorer(table, limits=limits_of(sensor))
         with ProgressBar("Previews of other materials") as bar:

@@ -66,7 +66,7 @@ def run(
         candidate = open_rated(path, scene)
         checkpoint = out or path.parent / f"{path.stem}-renders"
         check_folder(checkpoint)
-        checker = model_of_design(candidate, model)
+        checker = model_of_design(candidate, model, path)
         ensure_llvm()
         numbers, each = range(1, seeds + 1), None
         count = samples or SAMPLES

@@ -17,7 +17,7 @@ from optimize.design.design_file import (
     palette_in_file,
     save_design,
 )
-from optimize.design.find_scene import SCENE, find_scene, keep_scene, kept_name
+from optimize.design.find_scene import RUN_MODEL, SCENE, find_scene, keep_scene, kept_name
 from optimize.design.layout_file import load_layout
 from optimize.design.limits import (
     SearchLimits,

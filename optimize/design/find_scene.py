@@ -9,8 +9,8 @@ from render.errors import SceneError
 from render.files import parse_toml, read_text, write_bytes
 from render.scene import StandaloneScene, load_scene, shipped_scenes
 
-SCENE = "scene.toml"
-"""The copy in the folder of a run."""
+SCENE, RUN_MODEL = "scene.toml", "model"
+"""In the folder of a run: the copy of its scene, and the folder of the model that a night fits."""
 
 
 def keep_scene(run: Path, scene: StandaloneScene) -> None:

@@ -7,16 +7,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from optimize.design import RUN_MODEL
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import LoopOutcome
 from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
 from optimize.overnight.status import status_of
 from optimize.report import parts_moved
-from optimize.scoring import (
-    predict_design,
-    prediction_checked,
-    student_factor,
-)
+from optimize.scoring import predict_design, prediction_checked, student_factor
 from optimize.ui.provenance import package_versions
 from optimize.verification import FinalistEvaluation
 from render.leave_one_out import jackknife_se
@@ -174,7 +171,7 @@ def _facts(
         ),
         ("Rounds", str(len(loop_outcome.rounds))),
         ("Final verification", f"{len(evaluation.renders.replicates)} replicates"),
-        ("Surrogate", sha256((store.run / "model" / MODEL_FILE).read_bytes())),
+        ("Surrogate", sha256((store.run / RUN_MODEL / MODEL_FILE).read_bytes())),
         ("Exposure, lambda", f"{evaluation.settings.exposure:.6g}, {evaluation.settings.lam:.6g}"),
         *((f"Version of {name}", value) for name, value in versions.items()),
     )

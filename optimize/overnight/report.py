@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from optimize.design import SCENE
+from optimize.design import RUN_MODEL, SCENE
 from optimize.frontier.plot import draw_levels
 from optimize.mounting import ErrorCost, mount, mounting_error_costs, surrogate_score
 from optimize.overnight.result import DESIGNS, ConvergencePoint, Finalist, OvernightResult
-from optimize.overnight.run_directory import MODEL, RECORD, REPORT
+from optimize.overnight.run_directory import RECORD, REPORT
 from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
 from optimize.report import (
     bolt_pictures,
@@ -49,7 +49,7 @@ def write_report(result: OvernightResult, run: Path) -> Path:
     scaling = scaling_of(run) if (run / RECORD).is_file() else None
     checker = None
     with suppress(ModelError):  # a copy of the run without its model
-        checker = Checker.load(run / MODEL, result.scene.hash)
+        checker = Checker.load(run / RUN_MODEL, result.scene.hash)
     write_text(path, render_report(result, scaling, checker))
     return path
 

@@ -17,8 +17,6 @@ from render.folders import foreign_names
 
 RECORD, LOCK, LOG, REPORT = "run.sqlite", "lock", "log.txt", "report.html"
 """The record of a run directory, see ``optimize.overnight.store``; without it there is no run."""
-MODEL = "model"
-"""Folder of the surrogate in it."""
 
 
 class RunError(TactiluxError):

@@ -34,8 +34,9 @@ from typing import Any
 
 import numpy as np
 
+from optimize.design import RUN_MODEL
 from optimize.overnight.rows import TABLES, check_kinds, check_rows, connect, write_row
-from optimize.overnight.run_directory import MODEL, RECORD, RunError
+from optimize.overnight.run_directory import RECORD, RunError
 from optimize.ui.provenance import program_version
 from render.files import npz_bytes, parse_json, sync_folder, temporary_name, write_bytes
 from render.folders import leftovers, put_back, remove_folder
@@ -229,7 +230,7 @@ def _asked(name: str, value: object) -> str:
 
 def _sweep(run: Path) -> None:
     """Take away what a killed process had not finished writing."""
-    put_back(run / MODEL, SUM_FILE, lambda old: remove_folder(old, SUM_FILE))
+    put_back(run / RUN_MODEL, SUM_FILE, lambda old: remove_folder(old, SUM_FILE))
     for folder in (run, run / RENDERS, run / STATES, run / TABLE, run / TABLE / "fit"):
         for item in leftovers(folder):
             shutil.rmtree(item) if item.is_dir() else item.unlink()

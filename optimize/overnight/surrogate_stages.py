@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from optimize.design import Array
+from optimize.design import RUN_MODEL, Array
 from optimize.overnight.context import (
     FIT_STEPS,
     MIN_SAMPLES,
@@ -28,7 +28,6 @@ from optimize.overnight.context import (
     RunContext,
     samples_within,
 )
-from optimize.overnight.run_directory import MODEL
 from optimize.overnight.store import TABLE
 from render.errors import ModelError
 from render.progress import Clock
@@ -226,7 +225,7 @@ def _jobs(context: RunContext, samples: int, seeds: list[int]) -> list[RenderJob
 
 def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Checker:
     """Return the surrogate that is fitted to ``table``, which is read only where it is needed."""
-    folder = context.store.run / MODEL
+    folder = context.store.run / RUN_MODEL
     known = context.decided("model")
     if known is not None:
         fitted = _whole(context, known["sha256"])
@@ -262,7 +261,7 @@ def fit_model(context: RunContext, table: Callable[[], TransportTable]) -> Check
 
 def _whole(context: RunContext, digest: str) -> Checker | None:
     """Return the model in the run directory if it is the one of that SHA-256."""
-    folder = context.store.run / MODEL
+    folder = context.store.run / RUN_MODEL
     with suppress(OSError, ModelError):
         if sha256((folder / MODEL_FILE).read_bytes()) == digest:
             return Checker.load(folder, context.scene.hash)

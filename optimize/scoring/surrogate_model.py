@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from optimize.design import Array, Design, RatedDesign, noise_words
+from optimize.design import RUN_MODEL, Array, Design, RatedDesign, noise_words
 from optimize.ui.console import ProgressBar
 from render.arguments import as_path
 from render.chebyshev import chebyshev_nodes
@@ -27,14 +27,18 @@ PHI_NODES = 33
 
 
 def trained_model(
-    scene: Scene, given: Path | None = None, *, threads: int | None = None
+    scene: Scene,
+    given: Path | None = None,
+    *,
+    threads: int | None = None,
+    design: Path | None = None,
 ) -> Checker | None:
     """Return the trained model of a scene, None where there is none.
 
-    That in the folder given, or the one of the right scene hash, whatever its name, among those in
-    ``models`` of the current directory and those that come with tactilux; folders named like the
-    scene are tried first. A model with a free material serves its whole family of hashes. Only the
-    one that is taken is opened.
+    That in the folder given, or the one of the right scene hash, whatever its name: that of the run
+    in which the file ``design`` lies, or among those in ``models`` of the current directory and
+    those that come with tactilux; folders named like the scene are tried first. A model with a free
+    material serves its whole family of hashes. Only the one that is taken is opened.
 
     The hash covers all that a facet's color depends on, the camera's columns and rows too: with
     other pixels on a facet its light is another mean (finger20 at 640 x 480: by 4 % at the 95th
@@ -58,6 +62,8 @@ def trained_model(
     for place in (Path("models"), Path(__file__).resolve().parents[2] / "models"):
         found += sorted(file.parent for file in place.glob(f"*/{MODEL_FILE}"))
     found.sort(key=lambda folder: folder.name != scene.name)
+    runs = () if design is None else (design.parent / RUN_MODEL, design.parent.parent / RUN_MODEL)
+    found[:0] = [folder for folder in runs if (folder / MODEL_FILE).is_file()]
     for folder in found:
         try:
             return Checker.for_scene(folder, scene, threads=threads)
@@ -68,7 +74,12 @@ def trained_model(
 
 
 def open_model(
-    scene: Scene, given: Path | None = None, *, threads: int | None = None, coarse: bool = False
+    scene: Scene,
+    given: Path | None = None,
+    *,
+    threads: int | None = None,
+    coarse: bool = False,
+    design: Path | None = None,
 ) -> Checker:
     """Return the model of ``scene`` as `scene_model` does, which says on stderr what it does.
 
@@ -77,7 +88,9 @@ def open_model(
         GraphicsError: as `scene_model` does.
     """
     with ProgressBar("Making the preview") as bar:
-        return scene_model(scene, given, threads=threads, coarse=coarse, progress=bar)
+        return scene_model(
+            scene, given, threads=threads, coarse=coarse, design=design, progress=bar
+        )
 
 
 def scene_model(
@@ -86,6 +99,7 @@ def scene_model(
     *,
     threads: int | None = None,
     coarse: bool = False,
+    design: Path | None = None,
     progress: OnProgress | None = None,
 ) -> Checker:
     """Return the model of ``scene``: a trained one, or what there is without one, see the module.
@@ -97,6 +111,7 @@ def scene_model(
         given: folder of the model (default: see `trained_model`).
         threads: of the runtime (default: its own choice).
         coarse: take the preview as the shader draws it, even where there is a better answer.
+        design: file of a design, whose run may hold a model.
         progress: told how far the preview is, and in notes which level answers, and where the
             scene leaves the range that a model was trained for.
 
@@ -112,7 +127,7 @@ def scene_model(
             field="model",
             option="--coarse or --model",
         )
-    checker = None if coarse else trained_model(scene, given, threads=threads)
+    checker = None if coarse else trained_model(scene, given, threads=threads, design=design)
     if checker is None:
         from surrogate.preview_model import preview_checker
 
@@ -166,13 +181,17 @@ def as_model(
     return value
 
 
-def model_of_design(candidate: RatedDesign, given: Path | None = None) -> Checker:
+def model_of_design(
+    candidate: RatedDesign, given: Path | None = None, design: Path | None = None
+) -> Checker:
     """Return what rated a design, or what knows its scene better and is there at once.
 
+    ``design`` is its file.
     A design that was rated on the preview as drawn waits for no other preview: see `open_model`.
     """
-    drawn = candidate.rating.level == PREVIEW and not is_prompt(candidate.scene, given)
-    return open_model(candidate.scene, given, coarse=drawn)
+    scene, drawn = candidate.scene, candidate.rating.level == PREVIEW
+    drawn = drawn and not is_prompt(scene, given, design)
+    return open_model(scene, given, coarse=drawn, design=design)
 
 
 def first_model(scene: Scene) -> Checker:
@@ -196,9 +215,9 @@ def search_table(checker: Checker) -> TransportTable:
     return checker.transport_table(chebyshev_nodes(nodes, 0.0, np.pi))
 
 
-def is_prompt(scene: Scene, given: Path | None = None) -> bool:
+def is_prompt(scene: Scene, given: Path | None = None, design: Path | None = None) -> bool:
     """Return whether `open_model` answers in seconds: it has a model, or all of its preview."""
-    if trained_model(scene, given) is not None:
+    if trained_model(scene, given, design=design) is not None:
         return True
     from render.preview.converged import is_kept
 

@@ -214,3 +214,21 @@ def test_fibers_that_would_meet_in_their_holder_are_named(
     done = tactilux("score", path, "--model", small_model, "--json")
     assert done.code == 0, done.err
     assert "fibers 0 and 1 at 170 and 10 deg meet" in " ".join(json.loads(done.out)["warnings"])
+
+
+def test_a_design_of_a_run_is_answered_by_the_model_of_the_run(
+    small_scene: Path, small_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run" / "designs").mkdir(parents=True)
+    (tmp_path / "run" / "model").symlink_to(small_model)
+    scene = load_scene(small_scene)
+    for design in (Path("run/designs/winner.json"), Path("run/design.json")):
+        found = trained_model(scene, design=design)
+        assert found is not None
+        assert found.file == Path("run/model/checker.onnx")
+    assert trained_model(scene, design=Path("elsewhere/design.json")) is None
+    # One of another scene is passed over.
+    found = trained_model(load_scene("finger20"), design=Path("run/design.json"))
+    assert found is not None
+    assert found.file == SHIPPED / "checker.onnx"

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from optimize.design import RUN_MODEL
 from optimize.overnight.result import OvernightResult
-from optimize.overnight.run_directory import MODEL
 from render.scene import load_scene
 from surrogate.runtime import Checker
 from tests.optimize.overnight.conftest import SAMPLES
@@ -73,7 +73,7 @@ def test_a_night_of_states_ends_bit_equal_after_kills(
         assert entry.rating.spread_bends == pytest.approx(over_states, abs=entry.se)
         plain = entry.metric.mean() - over_sites - over_states
         assert entry.score == pytest.approx(plain, abs=2 * entry.se)
-    checker = Checker.load(tmp_path / "unbroken" / MODEL, night.scene.hash)
+    checker = Checker.load(tmp_path / "unbroken" / RUN_MODEL, night.scene.hash)
     assert checker.metadata.states == ["rest", "twisted"]
     assert np.array_equal(checker.metadata.scene_bends, [0.0, 1.0])
     html = (tmp_path / "unbroken" / "report.html").read_text()
