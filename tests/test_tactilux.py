@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 
@@ -51,6 +52,28 @@ def test_the_three_levels_predict_the_same_array() -> None:
         z = (level - rendered.T) / np.hypot(rendered.se, 0.05 * rendered.T)
         assert np.abs(np.median(z)) < 0.5
         assert np.median(np.abs(z)) < 1.5
+
+
+def test_render_transport_takes_and_hands_on_what_the_reference_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import render.reference
+
+    own = inspect.signature(render.reference.render_transport).parameters
+    public = inspect.signature(tactilux.render_transport).parameters
+    for name, one in public.items():
+        told = str(one.annotation).replace(" | bool", "")  # a bar, which `render` cannot draw
+        assert (one.kind, one.default, told) == (own[name].kind, own[name].default,
+                                                 own[name].annotation)  # fmt: skip
+    handed: dict[str, object] = {}
+
+    def record(*first: object, **rest: object) -> None:
+        handed.update(zip(own, first, strict=False), **rest)
+
+    monkeypatch.setattr(render.reference, "render_transport", record)
+    given = {name: object() for name in public if name != "progress"}
+    tactilux.render_transport(**given)  # type: ignore[arg-type]
+    assert handed == {**given, "progress": None}
 
 
 @pytest.mark.slow
