@@ -66,8 +66,10 @@ def _pass_errors_on(mi: Any) -> None:
             integrator = scene.integrator()
         if scene is not None and hasattr(integrator, "refuse_gradients"):
             # Dr.Jit hides gradients from integrators, and asks for them only afterwards.
-            for parameters in (mi.traverse(scene), given.get("params") or {}):
-                integrator.refuse_gradients(parameters)
+            for parameters in (mi.traverse(scene), given.get("params")):
+                # Mitsuba takes no other parameters, and says so.
+                if isinstance(parameters, mi.SceneParameters):
+                    integrator.refuse_gradients(parameters)
         try:
             with steady_registry():
                 return plain(*arguments, **named)

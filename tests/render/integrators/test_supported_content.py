@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Any
 
 import drjit as dr
+import numpy as np
 import pytest
 
 from render.errors import RenderError
@@ -148,3 +149,21 @@ for outer in ({{"type": "bdpt"}}, {{"type": "moment", "a": {{"type": "pssmlt"}}}
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert f"variant {variant} is not supported, allowed: llvm_ad_mono" in said.stdout
     assert "pssmlt is inside of another integrator" in said.stdout
+
+
+def test_a_telephoto_camera_far_from_the_origin_is_taken(mono: ModuleType) -> None:
+    """Rounding of its origin moves what it sees by more than a thousandth of the picture."""
+    to_world = mono.ScalarTransform4f().look_at(
+        origin=[3000, 2000, 9000], target=[0, 0, 0], up=[0, 1, 0]
+    )
+    lens = {"to_world": to_world, "fov": 0.012, "near_clip": 100.0, "far_clip": 20000.0}
+    scene = view(mono, lens, {})
+    picture = rendered(mono, scene, max_depth=4)
+    assert np.isfinite(np.array(picture)).all()
+    assert np.array(picture).mean() > 0.1
+
+
+def test_parameters_of_another_kind_are_refused_as_mitsuba_refuses_them(mono: ModuleType) -> None:
+    for given in (mono.Float([1.0, 2.0]), mono.TensorXf(np.ones((2, 2))), np.ones(2), {"a": 1.0}):
+        with pytest.raises(Exception, match="should be an instance of"):
+            mono.render(view(mono, {}, {}), given, integrator=mono.load_dict({"type": "bdpt"}))
