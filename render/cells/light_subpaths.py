@@ -202,7 +202,7 @@ def trace_light_subpaths(
     of_node = light.weights(dr.gather(mi.UInt32, fiber, lane), records.o, records.d)
     weight = [value * records.contribution / paths for value in of_node]
     dr.eval(weight)
-    return DrawnVertices(PackedRecords(records), weight, lanes, paths)
+    return DrawnVertices(PackedRecords.of(records), weight, lanes, paths)
 
 
 @dr.syntax

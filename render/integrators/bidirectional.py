@@ -118,7 +118,6 @@ class Bidirectional(mi.SamplingIntegrator):
         if spp == 0:
             spp = sensor.sampler().sample_count()
         sampler = FilmSampler(scene, sensor, self.limits)
-        sampler.emission.refuse_dark()
         replicates = self.replicate_images(sampler, _number(seed), spp)
         if self.max_depth < 0 and not replicates.any():
             raise RenderError(

@@ -12,8 +12,7 @@ vertex one of these is drawn by its target weight and stands for all
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -23,25 +22,25 @@ from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
 from render.integrators.resampling import (
     CameraProxy,
     LightCandidate,
-    PackedProxies,
     mirrored_proxy_weight,
     mirrored_target_weight,
     proxy_weight,
-    target_weight,
 )
 from render.integrators.subpaths import (
     EVENT_BLOCK,
-    CameraSubpath,
-    CameraVertex,
-    LightVertex,
+    GLOSSY,
+    MAIN,
+    MIRROR_END,
     PathLimits,
+    SubpathVertex,
 )
 from render.integrators.vertex_cache import LightVertexCache, MortonNeighbors
-from render.paths.connect import connect_vertices
+from render.paths.connect import connection_contribution, optical_depth
 from render.paths.mirrors import mirror_ratio
-from render.paths.vertex import for_camera_passes
+from render.paths.records import StackedRecords
+from render.paths.vertex import channel_mean, for_camera_passes
 from render.sampling.reservoirs import OneNumberReservoir, Reservoir
-from render.sampling.streams import Numbers, Stream
+from render.sampling.streams import Stream
 
 PROXY_COUNT = 16
 """Light vertices whose proxy weights are compared for one target weight."""
@@ -51,156 +50,173 @@ NEIGHBOR_ENDS = 2
 """Camera vertices, first the main one, that look at the close ones."""
 
 
+class Partners:
+    """What camera subpaths are connected to, and what both know of the scene."""
+
+    def __init__(
+        self, scene: mi.Scene, kept: StackedRecords, cache: LightVertexCache, stream: Stream,
+        limits: PathLimits, mirrors: MirrorSet | None, boxes: MediumBoxes,
+    ) -> None:  # fmt: skip
+        """``kept`` are the camera subpaths' vertices (``render.integrators.subpaths.MAIN``)."""
+        self.scene, self.kept, self.cache, self.stream = scene, kept, cache, stream
+        self.limits, self.mirrors, self.boxes = limits, mirrors, boxes
+
+    def end(self, k: int | mi.UInt32) -> SubpathVertex:
+        """Return the ``k``-th kept vertex of each lane's camera subpath."""
+        groups = self.cache.groups
+        found: SubpathVertex
+        found, found.vertex.weight = self.kept.gather(groups.lane + 2 * k * groups.lanes)
+        return found
+
+
+@dataclass
+class Draws:
+    """One round of draws for a camera vertex (a Dr.Jit PyTree).
+
+    From the vertices of partners ``first`` to ``until``, or from those ``near``, if the vertex
+    ``looks_near`` at all; a uniform ``offset`` spreads these evenly.
+    """
+
+    first: mi.UInt32
+    until: mi.UInt32
+    edges_max: mi.UInt32
+    near: mi.Bool
+    looks_near: mi.Bool
+    offset: mi.Float
+
+
 @dr.syntax
-def connect_subpaths(
-    scene: mi.Scene, camera: CameraSubpath, cache: LightVertexCache, stream: Stream,
-    limits: PathLimits, mirrors: MirrorSet | None, boxes: MediumBoxes, shared: bool,
-) -> mi.Spectrum:  # fmt: skip
+def connect_subpaths(partners: Partners, shared: bool) -> mi.Spectrum:
     """Return the light that each lane's camera subpath gets from its partners, their average.
 
     Where partners are ``shared``, only one of every ``PROXY_COUNT`` of their vertices gets a target
     weight for a camera vertex, drawn by the proxy weights of all; and vertices close to the main
-    camera vertex are drawn from the whole group instead.
+    camera vertex are drawn from the whole group instead. For each camera vertex this is one loop
+    over rounds of such draws, the last of which connects: what is written once is compiled once.
     """
-    # ----------------------------- Configure loop state ------------------------------
-    proxies_per_target = mi.UInt32(PROXY_COUNT if shared else 1)
-    dr.make_opaque(proxies_per_target)
-    edges_max = limits.edges()
-    mirror_end = camera.mirror_end
-    ends = [camera.main, camera.later, camera.glossy]
-    looks = [CameraProxy.of(end) for end in ends]
-    drawn = [Reservoir.holding(LightCandidate.none()) for _ in ends]  # by target weights
-    mirrored = Reservoir.holding(LightCandidate.none())
-    paths, lanes = cache.groups.paths, dr.width(cache.groups.lane)
-    packed = PackedProxies(cache.proxies)
-    neighbors = (
-        MortonNeighbors(cache.proxies, cache.groups, camera.main.vertex.p) if shared else None
-    )
-    image = mirror_end.vertex.p  # in the mirror that proxy weights know
-    if mirrors is not None:
-        first = packed.gather(cache.index(dr.zeros(mi.UInt32, lanes)))
-        image = mirrors.likely_image(mirror_end.vertex.p, first.p)
-    last, number = paths * cache.slots, dr.zeros(mi.UInt32, lanes)  # vertices of all partners
-    while number < last:
-        # --------------- Proxy weights: one of a few, for each end --------------------
-        numbers = stream.event(3 * EVENT_BLOCK + number)
-        few = [OneNumberReservoir.drawing(mi.UInt32(0), u) for u in numbers[: len(ends)]]
-        few_mirrored = OneNumberReservoir.drawing(mi.UInt32(0), numbers[3])
-        until = dr.minimum(number + proxies_per_target, last)
-        while number < until:
-            index = cache.index(number)
-            y = packed.gather(index)
-            close = mi.Bool(False) if neighbors is None else neighbors.holds(index)
-            for i in range(len(ends)):
-                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max)
-                if i < NEIGHBOR_ENDS:
-                    fits &= ~close
-                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
-                few[i] = few[i].offered(index, weight)
-            if mirrors is not None:
-                fits = y.wide & (y.edges + mirror_end.edges + 1 < edges_max)
-                weight = mirrored_proxy_weight(y, mirror_end.vertex.p, image, mirrors.blur)
-                few_mirrored = few_mirrored.offered(index, dr.select(fits, weight, 0.0))
-            number += 1
-        # --------------- Target weights: one of those, for each end -------------------
-        numbers = stream.event(4 * EVENT_BLOCK + number)
-        drawn = _resampled(boxes, cache, few, ends, drawn, numbers)
-        if mirrors is not None:
-            index = few_mirrored.item
-            represented = few_mirrored.contribution_weight() * dr.gather(
-                mi.Float, cache.represented, index
-            )
-            light = cache.vertex(index, represented > 0)
-            pick = stream.event(5 * EVENT_BLOCK + number)[0]
-            mirror, probability = mirrors.select(mirror_end.vertex.p, light.vertex.p, pick)
-            weight = mirrored_target_weight(
-                boxes,
-                mirrors,
-                light.vertex,
-                mirror_end.vertex,
-                mirror,
-                probability,
-                represented > 0,
-            )
-            candidate = LightCandidate(index, represented, mirror, probability)
-            mirrored = mirrored.update(candidate, represented * weight, numbers[3])
-    # ------------------------ Close ones, from the whole group -----------------------
-    if neighbors is not None:
-        numbers = stream.event(mi.UInt32(6 * EVENT_BLOCK))
-        few = [OneNumberReservoir.drawing(mi.Int32(0), u) for u in numbers[:NEIGHBOR_ENDS]]
-        number, until = dr.zeros(mi.UInt32, lanes), mi.UInt32(NEIGHBOR_COUNT)
-        dr.make_opaque(until)
-        while number < until:
-            y, place, represented = neighbors.sample(
-                stream.event(7 * EVENT_BLOCK + number)[0], NEIGHBOR_COUNT
-            )
-            for i in range(NEIGHBOR_ENDS):
-                fits = looks[i].valid & (y.edges + looks[i].edges < edges_max) & (represented > 0)
-                weight = dr.select(fits, proxy_weight(y, looks[i]), 0.0)
-                few[i] = few[i].offered(place, weight, weight * represented)
-            number += 1
-        numbers = stream.event(mi.UInt32(8 * EVENT_BLOCK))
-        for i in range(NEIGHBOR_ENDS):
-            few[i].item = neighbors.index(few[i].item)
-        drawn = _resampled(boxes, cache, few, ends, drawn, numbers)
-    # ------------------------------ Connect what was drawn ---------------------------
+    cache = partners.cache
+    per_round = mi.UInt32(PROXY_COUNT if shared else 1)
+    dr.make_opaque(per_round)
+    edges_max = partners.limits.edges()
+    rounds = (cache.groups.paths * cache.slots + per_round - 1) // per_round
+    final = rounds + (1 if shared else 0)  # the round that connects, behind that of close ones
+    neighbors = None
+    if shared:
+        neighbors = MortonNeighbors(cache.proxies, cache.groups, partners.end(MAIN).vertex.p)
     total = mi.Spectrum(0.0)
-    i = mi.UInt32(0)
-    while i < len(ends):
-        reservoir = _at(i, drawn)
-        weight = reservoir.contribution_weight(reservoir.item.represented)
-        light = cache.vertex(reservoir.item.index, weight > 0)
-        total += _connect(scene, mirrors, light, _at(i, ends), weight > 0) * weight
-        i += 1
-    if mirrors is not None:
-        chosen = mirrored.item
-        weight = mirrored.contribution_weight(chosen.represented)
-        light = cache.vertex(chosen.index, weight > 0)
-        u, v, _, _ = stream.event(mi.UInt32(EVENT_BLOCK))
-        total += mirrors.connect(
-            scene, for_camera_passes(light.vertex, mirror_end.passes), mirror_end.vertex,
-            chosen.mirror, chosen.probability, (u, v), weight > 0,
-        ) * weight  # fmt: skip
-    return total / mi.Float(paths)
-
-
-def _at(i: mi.UInt32, items: Sequence[Any]) -> Any:
-    """Return the ``i``-th of a few items (Dr.Jit PyTrees), another one in each lane."""
-    chosen = items[0]
-    for k in range(1, len(items)):
-        chosen = dr.select(i == k, items[k], chosen)
-    return chosen
+    end = mi.UInt32(MAIN)
+    while end <= GLOSSY:
+        kept = partners.end(end)
+        drawn = Reservoir.holding(LightCandidate.none())  # by target weights
+        step = mi.UInt32(0)
+        look = CameraProxy.of(kept)
+        while look.valid & (step <= final):
+            u, offset, number, _ = partners.stream.event((3 + end) * EVENT_BLOCK + step)
+            few = OneNumberReservoir.drawing(mi.UInt32(0), u)
+            first = step * per_round
+            until = dr.minimum(first + per_round, cache.groups.paths * cache.slots)
+            draws = Draws(first, until, edges_max, step == rounds, end < NEIGHBOR_ENDS, offset)
+            few = _by_proxy_weights(cache, neighbors, look, few, draws)
+            stands = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.item)
+            candidate = LightCandidate(few.item, stands, mi.UInt32(0), mi.Float(0.0))
+            connects = step == final
+            candidate = dr.select(connects, drawn.item, candidate)
+            weight = drawn.contribution_weight(drawn.item.represented)
+            weight = dr.select(connects, weight, stands)
+            light = weight * _connected(partners, candidate.index, kept, weight > 0, connects)
+            total += dr.select(connects, light, 0.0)
+            drawn = drawn.update(candidate, dr.select(connects, 0.0, channel_mean(light)), number)
+            step += 1
+        end += 1
+    if partners.mirrors is not None:
+        total += _connect_over_mirrors(partners, partners.mirrors, per_round)
+    return total / mi.Float(cache.groups.paths)
 
 
 @dr.syntax
-def _resampled(
-    boxes: MediumBoxes, cache: LightVertexCache, few: list[OneNumberReservoir],
-    ends: list[CameraVertex], drawn: list[Reservoir], numbers: Numbers,
-) -> list[Reservoir]:  # fmt: skip
-    """Return ``drawn``, each updated by the light vertex of ``few`` and its target weight.
+def _by_proxy_weights(
+    cache: LightVertexCache, neighbors: MortonNeighbors | None, look: CameraProxy,
+    few: OneNumberReservoir, draws: Draws,
+) -> OneNumberReservoir:  # fmt: skip
+    """Return ``few`` after the light vertices of one round."""
+    number = dr.select(draws.near, 0, draws.first)
+    close_ones = dr.select(draws.looks_near, NEIGHBOR_COUNT, 0)
+    until = dr.select(draws.near, close_ones, draws.until)
+    while number < until:
+        index, represented = cache.index(number), mi.Float(1.0)
+        if neighbors is not None:
+            if draws.near:
+                place = (mi.Float(number) + draws.offset) / NEIGHBOR_COUNT
+                index, represented = neighbors.sample(place, NEIGHBOR_COUNT)
+            elif draws.looks_near:
+                represented = dr.select(neighbors.holds(index), 0.0, 1.0)
+        y = cache.proxies.gather(index)
+        fits = (y.edges + look.edges < draws.edges_max) & (represented > 0)
+        weight = dr.select(fits, proxy_weight(y, look), 0.0)
+        few = few.offered(index, weight, weight * represented)
+        number += 1
+    return few
 
-    A loop, not one copy of the code for each end, which would take LLVM as many times as long.
-    """
-    i = mi.UInt32(0)
-    while i < len(few):
-        item, end = _at(i, few), _at(i, ends)
-        represented = item.contribution_weight() * dr.gather(mi.Float, cache.represented, item.item)
-        y = for_camera_passes(cache.vertex(item.item, represented > 0).vertex, end.passes)
-        weight = represented * target_weight(boxes, y, end.vertex, represented > 0)
-        candidate = LightCandidate(item.item, represented, mi.UInt32(0), mi.Float(0.0))
-        updated = _at(i, drawn).update(candidate, weight, _at(i, numbers))
-        for k in range(len(few)):
-            drawn[k] = dr.select(i == k, updated, drawn[k])
-        i += 1
-    return drawn
 
-
-def _connect(
-    scene: mi.Scene, mirrors: MirrorSet | None, y: LightVertex, end: CameraVertex, active: mi.Bool
+@dr.syntax
+def _connected(
+    partners: Partners, index: mi.UInt32, kept: SubpathVertex, active: mi.Bool, connects: mi.Bool
 ) -> mi.Spectrum:
-    """Return the light of ``y`` at a kept camera vertex."""
-    further = mirror_ratio(mirrors, y, end, active, GLOSSY_WEIGHT)
-    return connect_vertices(
-        scene, for_camera_passes(y.vertex, end.passes), end.vertex, active, extra=further,
-        glossy=GLOSSY_WEIGHT,
+    """Return the light that a kept camera vertex gets from the light vertex at ``index``.
+
+    What is in the way is looked for where it ``connects``; else this is for a target weight.
+    """
+    light = partners.cache.vertex(index, active)
+    z, y = kept.vertex, for_camera_passes(light.vertex, kept.passes)
+    transmittance, further = mi.Spectrum(1.0), mi.Float(0.0)
+    if connects:
+        depth, clear = optical_depth(partners.scene, y, z, active)
+        transmittance = dr.select(clear, dr.exp(-depth), 0.0)
+        further = mirror_ratio(partners.mirrors, light, kept, active, GLOSSY_WEIGHT)
+    else:
+        transmittance = mi.Spectrum(partners.boxes.transmittance(y, z.p, active))
+    return z.weight * connection_contribution(
+        y, z, transmittance, active, extra=further, glossy=GLOSSY_WEIGHT
+    )
+
+
+@dr.syntax
+def _connect_over_mirrors(
+    partners: Partners, mirrors: MirrorSet, per_round: mi.UInt32
+) -> mi.Spectrum:
+    """Return the light that each lane's camera subpath gets over mirrors, summed over partners."""
+    cache, stream = partners.cache, partners.stream
+    kept = partners.end(MIRROR_END)
+    end, edges_max = kept.vertex, partners.limits.edges()
+    here = end.weight > 0
+    mirrored = Reservoir.holding(LightCandidate.none())
+    last, number = cache.groups.paths * cache.slots, mi.UInt32(0)
+    first = cache.proxies.gather(cache.index(number))
+    image = mirrors.likely_image(end.p, first.p)  # in the mirror that proxy weights know
+    while here & (number < last):
+        u, pick, w, _ = stream.event((3 + MIRROR_END) * EVENT_BLOCK + number)
+        few = OneNumberReservoir.drawing(mi.UInt32(0), u)
+        until = dr.minimum(number + per_round, last)
+        while number < until:
+            index = cache.index(number)
+            y = cache.proxies.gather(index)
+            fits = y.wide & (y.edges + kept.edges + 1 < edges_max)
+            weight = mirrored_proxy_weight(y, end.p, image, mirrors.blur)
+            few = few.offered(index, dr.select(fits, weight, 0.0))
+            number += 1
+        stands = few.contribution_weight() * dr.gather(mi.Float, cache.represented, few.item)
+        light = cache.vertex(few.item, stands > 0)
+        mirror, probability = mirrors.select(end.p, light.vertex.p, pick)
+        weight = mirrored_target_weight(
+            partners.boxes, mirrors, light.vertex, end, mirror, probability, stands > 0
+        )
+        candidate = LightCandidate(few.item, stands, mirror, probability)
+        mirrored = mirrored.update(candidate, stands * weight, w)
+    chosen = mirrored.item
+    weight = mirrored.contribution_weight(chosen.represented)
+    light = cache.vertex(chosen.index, weight > 0)
+    u, w, _, _ = stream.event(mi.UInt32(EVENT_BLOCK))
+    return weight * mirrors.connect(
+        partners.scene, for_camera_passes(light.vertex, kept.passes), end,
+        chosen.mirror, chosen.probability, (u, w), weight > 0,
     )  # fmt: skip

@@ -30,17 +30,20 @@ class PixelFilter:
         self.box = bool(self.filter.is_box_filter())
         self.reach = 0 if self.box else math.ceil(self.filter.radius() + 0.5) - 1
         if not self.box:
-            self.columns, self.rows = (self._integrals(n) for n in (self.width, self.height))
+            steps = (np.arange(CELL_STEPS) + 0.5) / CELL_STEPS - 0.5
+            offsets = np.arange(-self.reach, self.reach + 1)
+            points = (offsets[:, None] + steps).ravel().astype(np.float32)
+            values = np.array(self.filter.eval(mi.Float(points)), dtype=np.float64)
+            cells = values.reshape(len(offsets), -1).mean(axis=1)
+            self.columns, self.rows = (self._integrals(cells, n) for n in film.crop_size())
 
-    def _integrals(self, size: int) -> mi.Float:
-        """Return the integral of f about each of ``size`` pixels, over all of them."""
-        steps = (np.arange(CELL_STEPS) + 0.5) / CELL_STEPS - 0.5
-        offsets = np.arange(-self.reach, self.reach + 1)
-        values = self.filter.eval(mi.Float((offsets[:, None] + steps).ravel().astype(np.float32)))
-        cells = np.array(values, dtype=np.float64).reshape(len(offsets), -1).mean(axis=1)
+    def _integrals(self, cells: Array, size: int) -> mi.Float:
+        """Return the integral of f about each of ``size`` pixels, over all of them.
+
+        ``cells`` are its integrals over a pixel and its neighbors.
+        """
         padded = np.convolve(np.ones(size), cells)
-        integrals = padded[self.reach : self.reach + size]
-        return mi.Float(integrals.astype(np.float32))
+        return mi.Float(padded[self.reach : self.reach + size].astype(np.float32))
 
     def pixel(self, position: mi.Point2f, number: mi.Float) -> tuple[mi.UInt32, mi.Float | float]:
         """Return the pixel, row by row, that samples at ``position`` count for, and their weight.

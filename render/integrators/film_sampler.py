@@ -8,23 +8,22 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.integrators.connections import connect_subpaths
-from render.integrators.emitters import Emission
+from render.integrators.connections import Partners, connect_subpaths
+from render.integrators.emitters import Emission, EmittedRay
 from render.integrators.film import PixelFilter
 from render.integrators.medium_boxes import MediumBoxes, refuse_undeclared_media
 from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import (
-    CameraRay,
     PathLimits,
+    SubpathStart,
+    SubpathTracer,
     connect_to_camera,
-    trace_camera_subpath,
-    trace_light_subpath,
 )
-from render.integrators.supported_content import refuse_unsupported
+from render.integrators.supported_content import middle_of_view, refuse_unsupported
 from render.integrators.vertex_cache import LaneGroups, LightVertexCache
 from render.paths.vertex import VOLUME_PASSES, channel_mean, for_camera_passes
 from render.sampling.proposals import Splat
-from render.sampling.streams import Stream
+from render.sampling.streams import Numbers, Stream
 
 CAMERA_STORED = 16
 LIGHT_STORED = 24
@@ -53,71 +52,110 @@ class FilmSampler:
         refuse_undeclared_media(scene, sensor, self.emission)
         self.mirrors = MirrorSet.of(scene)
         self.boxes = MediumBoxes(scene, sensor)
+        self.tracer = SubpathTracer(scene, sensor, self.emission, limits)
         self.filter = PixelFilter(sensor.film())
         self.width, self.height = self.filter.width, self.filter.height
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
-        # Between the clipping planes, from the near one on.
-        near, far = sensor.near_clip(), sensor.far_clip()
-        self.ahead = mi.Float(float(np.sqrt(near * far)) - near)
+        self.ahead = mi.Float(middle_of_view(sensor))
         dr.make_opaque(self.ahead)
         self.medium = mi.MediumPtr(sensor.get_medium()) if sensor.get_medium() else None
 
     def evaluate(self, camera: Stream, light: Stream) -> list[Splat]:
-        """Return two splats per lane: at the chosen pixel, and where light met the film."""
-        # ------------------------------ Ray of the camera -----------------------------
-        numbers = camera.event(mi.UInt32(0))
-        lanes = dr.width(numbers[0])
-        position = mi.Point2f(numbers[0], numbers[1])
+        """Return two splats per lane: at the chosen pixel, and where light met the film.
+
+        Raises:
+            RenderError: all emitters are off.
+        """
+        lanes = dr.width(camera.event(mi.UInt32(0))[0])
         shared = self.groups is not None
+        groups = self.groups or LaneGroups(lanes, lanes, 1)
+        slots = SHARED_VERTICES if shared else UNSHARED_VERTICES
         projection_weight = PROJECTION_WEIGHT if shared else 1.0
+        # ------------------------------ Both subpaths ---------------------------------
+        dr.eval(camera, light)  # by one kernel
+        number = dr.arange(mi.UInt32, 2 * lanes)
+        of_light = number >= groups.lanes
+        lane = number - dr.select(of_light, groups.lanes, 0)
+        stream = camera.of_lanes(lane).unless(of_light, light.of_lanes(lane))
+        start, filtered = self._start(stream, of_light, lane, projection_weight)
+        place = start.place
+        dr.schedule(place, filtered)
+        # In memory, each camera subpath can look at light subpaths of other lanes.
+        radiance, kept = self.tracer.trace(start, stream, self.mirrors, slots)
+        # ------------------------------ Connections -----------------------------------
+        cache = LightVertexCache(kept, slots, groups)
+        if not np.array(cache.represented).any():
+            self.emission.refuse_dark()
+        partners = Partners(self.scene, kept, cache, light, self.limits, self.mirrors, self.boxes)
+        connected = connect_subpaths(partners, shared)
+        of_light = groups.lane + groups.lanes
+        y, projected_weight = kept.gather(of_light + 2 * slots * groups.lanes)
+        passes = mi.UInt32(VOLUME_PASSES if self.emission.media else 0)
+        where, projected = connect_to_camera(
+            self.scene, self.sensor, for_camera_passes(y.vertex, passes),
+            dr.gather(mi.Point2f, place, of_light), projection_weight, projected_weight > 0,
+        )  # fmt: skip
+        # A film position has density 1, a pixel the probability 1 / bins.
+        radiance = dr.gather(mi.Spectrum, radiance, groups.lane) + connected
+        place, filtered = (dr.gather(mi.Point2f, x, groups.lane) for x in (place, filtered))
+        pixel, weight = self.filter.pixel(place * mi.Vector2f(self.width, self.height), filtered.x)
+        other, other_weight = self.filter.pixel(where, filtered.y)
+        return [
+            Splat(pixel, [value * self.bins * weight for value in radiance]),
+            Splat(other, [
+                value * projected_weight * self.bins * other_weight for value in projected
+            ]),
+        ]  # fmt: skip
+
+    def _start(
+        self, stream: Stream, of_light: mi.Bool, lane: mi.UInt32, projection_weight: float
+    ) -> tuple[SubpathStart, mi.Point2f]:
+        """Return where subpaths begin, and two numbers for the film's filter.
+
+        Light vertices that are connected to the camera count ``projection_weight`` times as much
+        as other connections.
+        """
+        numbers, further = stream.event(mi.UInt32(0)), stream.event(mi.UInt32(1))
+        given = (lane, numbers, further, projection_weight)
+        start: SubpathStart = dr.if_stmt(given, of_light, self._light_start, self._camera_start)
+        start.of_light = of_light
+        return start, mi.Point2f(numbers[2], numbers[3])
+
+    def _light_start(
+        self, _lane: mi.UInt32, numbers: Numbers, further: Numbers, _weight: float
+    ) -> SubpathStart:
+        """Return where light subpaths begin."""
+        pick, x, y, free = numbers
+        u, w, *lens = further
+        ray = self.emission.start(pick, mi.Point2f(x, y), u, w)
+        infinity = mi.Float(dr.inf)
+        return SubpathStart(mi.Bool(True), ray, mi.Float(0.0), infinity, mi.Point2f(*lens), free)
+
+    def _camera_start(
+        self, lane: mi.UInt32, numbers: Numbers, further: Numbers, projection_weight: float
+    ) -> SubpathStart:
+        """Return where camera subpaths begin."""
+        place = mi.Point2f(numbers[0], numbers[1])
         if self.groups is not None:
-            position = self.groups.film_positions(numbers, self.height)
-        # The first event of the walk itself uses one number.
-        aperture = mi.Point2f(*camera.event(mi.UInt32(1))[1:3])
-        ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), position, aperture)
+            place = self.groups.film_positions(lane, numbers, self.height)
+        free, *lens = further[:3]
+        aperture = mi.Point2f(*lens)
+        ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), place, aperture)
         ahead = dr.zeros(mi.Interaction3f)
         ahead.p = ray(self.ahead)
         seen, importance = self.sensor.sample_direction(ahead, aperture)
         # Mitsuba's rays begin at the near plane; densities count from the place on the lens. At
         # unit distance the importance is the density of the ray per solid angle.
         near = dr.norm(ray.o - seen.p)
-        start = CameraRay(
-            o=mi.Point3f(ray.o), d=mi.Vector3f(ray.d), near=near, far=near + ray.maxt,
-            medium=dr.zeros(mi.MediumPtr) if self.medium is None else self.medium,
-            density=channel_mean(importance) * dr.squared_norm(ahead.p - seen.p),
-            beta=beta + dr.zeros(mi.Spectrum, lanes),
+        density = channel_mean(importance) * dr.squared_norm(ahead.p - seen.p)
+        # Georgiev 2012, eqs. 31 and 32: from the strategy that connects to the camera.
+        medium = dr.zeros(mi.MediumPtr) if self.medium is None else self.medium
+        begun = EmittedRay(
+            mi.Point3f(ray.o), mi.Vector3f(ray.d), mi.Spectrum(beta),
+            projection_weight * dr.rcp(density), mi.Float(0.0), medium, mi.Bool(False),
         )  # fmt: skip
-        # ------------------------------ Both subpaths ---------------------------------
-        camera_subpath = trace_camera_subpath(
-            self.scene, self.emission, start, camera, self.limits, self.mirrors, projection_weight
-        )
-        light_vertices = trace_light_subpath(
-            self.scene, self.sensor, self.emission, light, self.limits, self.mirrors,
-            SHARED_VERTICES if shared else UNSHARED_VERTICES,
-        )  # fmt: skip
-        # From memory, each camera subpath can look at light subpaths of other lanes.
-        dr.eval(camera_subpath, light_vertices, position)
-        # ------------------------------ Connections -----------------------------------
-        cache = LightVertexCache(light_vertices, self.groups or LaneGroups(lanes, lanes, 1))
-        connected = connect_subpaths(
-            self.scene, camera_subpath, cache, light, self.limits, self.mirrors, self.boxes, shared
-        )
-        v = for_camera_passes(light_vertices.projected.vertex, mi.UInt32(VOLUME_PASSES))
-        projected_weight = light_vertices.projected_weight
-        where, projected = connect_to_camera(
-            self.scene, self.sensor, v, light_vertices.aperture, projection_weight,
-            projected_weight > 0,
-        )  # fmt: skip
-        projected *= projected_weight
-        # A film position has density 1, a pixel the probability 1 / bins.
-        radiance = camera_subpath.radiance + connected
-        size = mi.Vector2f(self.width, self.height)
-        pixel, weight = self.filter.pixel(position * size, numbers[2])
-        here = [value * self.bins * weight for value in radiance]
-        other, weight = self.filter.pixel(where, numbers[3])
-        there = [value * self.bins * weight for value in projected]
-        return [Splat(pixel, here), Splat(other, there)]
+        return SubpathStart(mi.Bool(False), begun, near, near + ray.maxt, place, free)
 
     def sharing(self, lanes: int, groups: int, paths: int) -> FilmSampler:
         """Return this sampler for plain Monte Carlo, whose lanes share as in ``LaneGroups``."""

@@ -169,11 +169,16 @@ class MirrorSet:
         )  # fmt: skip
 
 
-def connection_weight(v: Vertex, tail: SubpathTail, from_camera: bool, first: mi.Bool) -> mi.Float:
+def connection_weight(
+    v: Vertex, tail: SubpathTail, from_camera: mi.Bool, first: mi.Bool
+) -> mi.Float:
     """Return what connections between ``v`` and the end of its subpath's ``tail`` count.
 
     ``v`` is the ``first`` vertex of the subpath or not.
     """
     wide = has_wide_lobe(v)
-    glossy_z, wide_y = (~tail.wide, wide) if from_camera else (~wide, tail.wide)
-    return dr.select(glossy_z & wide_y & ~first, GLOSSY_WEIGHT, 1.0)
+    wide_z, wide_y = (
+        dr.select(from_camera, tail.wide, wide),
+        dr.select(from_camera, wide, tail.wide),
+    )
+    return dr.select(~wide_z & wide_y & ~first, GLOSSY_WEIGHT, 1.0)

@@ -19,9 +19,8 @@ import drjit as dr
 import mitsuba as mi
 
 from render.integrators.medium_boxes import OPTICAL_DEPTH_MAX, MediumBoxes
-from render.integrators.mirror_connections import GLOSSY_WEIGHT, MirrorSet
-from render.integrators.subpaths import CameraVertex, LightVertex
-from render.paths.connect import connection_contribution
+from render.integrators.mirror_connections import MirrorSet
+from render.integrators.subpaths import SubpathVertex
 from render.paths.vertex import (
     Vertex,
     channel_mean,
@@ -72,7 +71,7 @@ class LightCandidate:
 
 @dataclass
 class LightProxies:
-    """What proxy weights know of light vertices: evaluated arrays ``(slot, lane)``.
+    """What proxy weights know of a light vertex (a Dr.Jit PyTree).
 
     ``back`` points away from where the vertex scatters most: straight ahead in a volume, along the
     brighter one of ``glossy_lobes`` at a glossy surface, whose light is the ``peak``.
@@ -90,7 +89,7 @@ class LightProxies:
     d_vc_passing: mi.Float
 
     @staticmethod
-    def of(light: LightVertex, represented: mi.Float) -> LightProxies:
+    def of(light: SubpathVertex, represented: mi.Float) -> LightProxies:
         """Return it; the power of a vertex is that of all that it stands for."""
         v = light.vertex
         sigma = channel_mean(extinction(v.medium, v.volume & (represented > 0))[1])
@@ -100,13 +99,11 @@ class LightProxies:
         glossy = ~wide & (represented > 0)
         (axis, peak), (refracted, beyond) = glossy_lobes(v, mi.TransportMode.Importance, glossy)
         axis, peak = dr.select(beyond > peak, refracted, axis), dr.maximum(peak, beyond)
-        proxies = LightProxies(
+        return LightProxies(
             v.p, dr.select(wide, v.wi, -axis), channel_mean(v.beta) * represented,
             dr.select(wide, 1.0, peak), v.volume, wide, light.edges,
             per * v.d_vcm, per * v.d_vc / (4.0 * dr.pi), per * v.d_vc_passing[0] / (4.0 * dr.pi),
         )  # fmt: skip
-        dr.eval(proxies)
-        return proxies
 
 
 @dataclass
@@ -133,7 +130,7 @@ class CameraProxy:
     d_vc: mi.Float
 
     @staticmethod
-    def of(camera: CameraVertex) -> CameraProxy:
+    def of(camera: SubpathVertex) -> CameraProxy:
         """Prepare the vertex ``camera``."""
         z = camera.vertex
         n = mi.Vector3f(z.frame.n)
@@ -160,6 +157,9 @@ class CameraProxy:
         return LOBE_MIN + dr.select(self.volume, volume, dr.select(self.diffuse, diffuse, glossy))
 
 
+PROXY_WORDS = 12
+
+
 class PackedProxies:
     """Light proxies as rows of twelve numbers, which three loads fetch instead of thirteen."""
 
@@ -172,19 +172,29 @@ class PackedProxies:
         rest = mi.Float(volume | wide | (proxies.edges << 2))
         self.rows = dr.empty(mi.Float, 12 * count)
         p, back = proxies.p, proxies.back
-        dr.scatter(self.rows, mi.Vector4f(p.x, p.y, p.z, proxies.power), row)
-        dr.scatter(self.rows, mi.Vector4f(back.x, back.y, back.z, proxies.d_vcm), row + 1)
-        last = mi.Vector4f(proxies.d_vc, proxies.d_vc_passing, rest, proxies.peak)
-        dr.scatter(self.rows, last, row + 2)
-        dr.eval(self.rows)
+        # Flags that are the same for all are known when kernels are compiled.
+        self.known = {
+            name: flag
+            for name, flag in (("volume", proxies.volume), ("wide", proxies.wide))
+            if flag.state == dr.VarState.Literal
+        }
+        loads = (
+            mi.Vector4f(p.x, p.y, p.z, proxies.power),
+            mi.Vector4f(back.x, back.y, back.z, proxies.d_vcm),
+            mi.Vector4f(proxies.d_vc, proxies.d_vc_passing, rest, proxies.peak),
+        )
+        for i, load in enumerate(loads):
+            # Said to be apart, all of them are written by one kernel.
+            dr.scatter(self.rows, load, row + i, mode=dr.ReduceMode.NoConflicts)
 
     def gather(self, index: mi.UInt32, active: mi.Bool | bool = True) -> LightProxies:
         """Return the proxies at ``index``."""
         a, b, c = (dr.gather(mi.Vector4f, self.rows, 3 * index + k, active) for k in range(3))
         rest = mi.UInt32(c.z)
         return LightProxies(
-            mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), a.w, c.w, (rest & 1) > 0,
-            (rest & 2) > 0, rest >> 2, b.w, c.x, c.y,
+            mi.Point3f(a.x, a.y, a.z), mi.Vector3f(b.x, b.y, b.z), a.w, c.w,
+            self.known.get("volume", (rest & 1) > 0), self.known.get("wide", (rest & 2) > 0),
+            rest >> 2, b.w, c.x, c.y,
         )  # fmt: skip
 
 
@@ -267,14 +277,6 @@ def mirrored_proxy_weight(
 
 
 # -- target weights ----------------------------------------------------------------------------
-
-
-def target_weight(boxes: MediumBoxes, y: Vertex, z: Vertex, active: mi.Bool) -> mi.Float:
-    """Return the MIS-weighted light that camera vertex ``z`` gets from ``y``, not hidden."""
-    active = active & (z.weight > 0)
-    transmittance = mi.Spectrum(boxes.transmittance(y, z.p, active))
-    light = connection_contribution(y, z, transmittance, active, glossy=GLOSSY_WEIGHT)
-    return channel_mean(light) * z.weight
 
 
 def mirrored_target_weight(

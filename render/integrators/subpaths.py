@@ -21,18 +21,22 @@ count less (``render.integrators.mirror_connections.GLOSSY_WEIGHT``,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import cast
 
 import drjit as dr
 import mitsuba as mi
 
 from render.errors import RenderError
-from render.integrators.emitters import Emission
+from render.integrators.emitters import Emission, EmittedRay
 from render.integrators.mirror_connections import MirrorSet, connection_weight
+from render.integrators.supported_content import class_of
 from render.paths.connect import density_at, optical_depth, strategies_before
 from render.paths.mirrors import KeptVertex, SubpathTail, shared_d_vcm
+from render.paths.records import DrawnRecords, StackedRecords
 from render.paths.vertex import (
     VOLUME_PASSES,
+    EitherMode,
     PassableVertex,
     Vertex,
     channel_mean,
@@ -44,12 +48,12 @@ from render.paths.vertex import (
 )
 from render.paths.walk import (
     PassableState,
+    SubpathState,
     begin_subpath,
     in_vacuum,
     sample_scattering,
     trace_segment,
 )
-from render.sampling.reservoirs import Reservoir
 from render.sampling.streams import Stream
 
 EVENT_BLOCK = 2048
@@ -105,238 +109,226 @@ def roulette_weight(
     return dr.select(number < survival, dr.rcp(survival), 0.0)
 
 
-# -- camera subpaths ---------------------------------------------------------------------------
+MAIN, LATER, GLOSSY, MIRROR_END = range(4)
+"""What camera subpaths keep for connections: the first vertex with a wide lobe, one of the others,
+one of the glossy ones, and the wide one that mirror connections start from."""
+_CONSTANT = ("weight", "delta")
+"""Fields that are the same for all vertices that are kept."""
+_OF_MEDIA = ("medium", "phase", "volume", "terminal", "passes", "d_vc_passing")
+"""Those that are the same as well in scenes without media."""
 
 
 @dataclass
-class CameraVertex(KeptVertex):
-    """A camera vertex for connections, behind ``edges`` edges (a Dr.Jit PyTree).
+class SubpathVertex(KeptVertex):
+    """A vertex for connections, behind ``edges`` edges (a Dr.Jit PyTree).
 
-    ``passes`` is how many volume vertices the camera subpath may still pass behind it.
+    ``passes`` is how many volume vertices a camera subpath may still pass behind it.
     """
 
+    vertex: PassableVertex
     edges: mi.UInt32
     passes: mi.UInt32
 
     @staticmethod
-    def none() -> CameraVertex:
-        """Return one of weight 0."""
-        return CameraVertex(**vars(KeptVertex.none()), edges=mi.UInt32(0), passes=mi.UInt32(0))
-
-
-@dataclass
-class CameraSubpath:
-    """What a camera subpath found by itself, and the vertices that it keeps for connections.
-
-    ``main`` is the first vertex with a wide lobe, ``later`` one of the others, ``glossy`` one of
-    the glossy ones, ``mirror_end`` the wide one that mirror connections start from.
-    """
-
-    radiance: mi.Spectrum
-    main: CameraVertex
-    later: CameraVertex
-    glossy: CameraVertex
-    mirror_end: CameraVertex
-
-
-@dataclass
-class CameraRay:
-    """A ray of the camera, drawn with ``density`` per solid angle (a Dr.Jit PyTree).
-
-    It begins at ``o`` on the near clipping plane. ``near`` and ``far`` are the distances of both
-    planes along it from the lens.
-    """
-
-    o: mi.Point3f
-    d: mi.Vector3f
-    near: mi.Float
-    far: mi.Float
-    medium: mi.MediumPtr
-    density: mi.Float
-    beta: mi.Spectrum
-
-
-@dr.syntax
-def trace_camera_subpath(
-    scene: mi.Scene, emission: Emission, start: CameraRay, stream: Stream, limits: PathLimits,
-    mirrors: MirrorSet | None, projection_weight: float,
-) -> CameraSubpath:  # fmt: skip
-    """Trace camera subpaths along the rays of the camera.
-
-    Light vertices that are connected to the camera count ``projection_weight`` times as much as
-    other connections.
-    """
-    # ----------------------------- Configure loop state ------------------------------
-    main = CameraVertex.none()  # what is kept, the others by selection weights
-    later, glossy, mirror_end = (Reservoir.holding(CameraVertex.none()) for _ in range(3))
-    tail = SubpathTail.empty()  # the last vertices
-    radiance = mi.Spectrum(0.0)  # emitters met, and direct light
-    edges_max, roulette = limits.edges(), limits.roulette()
-    free = stream.event(mi.UInt32(1))[0]
-    # Georgiev 2012, eqs. 31 and 32: the sum starts from the strategy that connects to the camera.
-    state = begin_subpath(
-        start.o, start.d, start.medium, start.beta, projection_weight * dr.rcp(start.density),
-        mi.Float(0.0), free,
-    )  # fmt: skip
-    state.length = mi.Float(start.near)
-    passes = mi.UInt32(VOLUME_PASSES)  # volume vertices that may still be passed
-    event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
-    active = dr.full(mi.Bool, True, dr.width(start.o))  # lanes under way
-    while active:
-        if not emission.media:
-            state = in_vacuum(state)
-        # Nothing behind the far plane is seen, but the sky.
-        reach = dr.select(edges == 1, start.far, dr.inf)
-        state, v, arrived, escaped = trace_segment(scene, state, active, reach)
-        # ---------------------------- Emitters that are met ---------------------------
-        # Light subpaths of one vertex are not connected to the camera: nothing competes with the
-        # first hit.
-        d_vcm = dr.select(edges == 1, 0.0, v.d_vcm)
-        radiance += emission.met(v, d_vcm, arrived)
-        radiance += emission.escaped(state, edges == 1, escaped)
-        strategy = connection_weight(v, tail, from_camera=True, first=edges == 1)
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=True, strategy=strategy)
-        v.terminal = v.terminal & (passes == 0)
-        passes = dr.select(arrived, passes_behind(v, passes), passes)
-        tail = dr.select(arrived, tail.then(v), tail)
-        v.d_vcm = d_vcm
-        # -------------------------------- Direct light --------------------------------
-        non_delta = arrived & ~v.delta
-        numbers = stream.event(event + EVENT_BLOCK)
-        allowed = non_delta & (edges < edges_max)
-        square = mi.Point2f(numbers[1], numbers[2])
-        radiance += emission.direct(scene, v, numbers[0], square, allowed)
-        # --------- Keep the first wide vertex, one of the later, one of the glossy ----
-        here = CameraVertex(v, tail.previous, tail.glossy_after_wide, edges, passes)
-        wide = non_delta & has_wide_lobe(v)
-        is_main = wide & (main.vertex.weight == 0)
-        main = dr.select(is_main, here, main)
-        later = later.update(here, dr.select(wide & ~is_main, 1.0, 0.0), numbers[3])
-        glossy_weight = dr.select(edges == 1, SEEN_GLOSSY_WEIGHT, 1.0)
-        glossy = glossy.update(here, dr.select(non_delta & ~wide, glossy_weight, 0.0), numbers[3])
-        # ----------------- ... and one where mirror connections start -----------------
-        further_numbers = stream.event(event + 2 * EVENT_BLOCK)
-        mirror_weight = dr.select(is_main, 1.0, LATER_WEIGHT)
-        mirror_end = mirror_end.update(
-            here, dr.select(wide, mirror_weight, 0.0), further_numbers[1]
-        )
-        # -------------------------- Scatter, or end the path --------------------------
-        going = arrived & ~v.terminal & (edges < edges_max)
-        state, alive = sample_scattering(
-            state, v, mi.TransportMode.Radiance, stream.event(event), going
-        )
-        # Only a specular face leaves no light subpath that could have been connected here.
-        passes = dr.select(going & (state.d_vcm == 0), VOLUME_PASSES, passes)
-        weight = roulette_weight(state.beta, edges, roulette, further_numbers[0])
-        state.beta = dr.select(alive, state.beta * weight, state.beta)
-        alive = alive & (weight > 0)
-        active &= ~escaped & (~arrived | (going & alive)) & (event < EVENTS_MAX)
-        edges += dr.select(arrived, 1, 0)
-        event += 1
-    for kept in (later, glossy, mirror_end):
-        kept.item.vertex.weight = kept.contribution_weight()
-    return CameraSubpath(radiance, main, later.item, glossy.item, mirror_end.item)
-
-
-# -- light subpaths ----------------------------------------------------------------------------
-
-
-@dataclass
-class LightVertex(KeptVertex):
-    """A light vertex behind ``edges`` edges (a Dr.Jit PyTree)."""
-
-    vertex: PassableVertex
-    edges: mi.UInt32
-
-    @staticmethod
-    def none() -> LightVertex:
+    def none() -> SubpathVertex:
         """Return one of weight 0."""
         none = PassableVertex.of(empty_vertex())
-        return LightVertex(none, dr.zeros(mi.Point3f), mi.Bool(False), mi.UInt32(0))
+        zero = mi.UInt32(0)
+        return SubpathVertex(none, dr.zeros(mi.Point3f), mi.Bool(False), zero, zero)
 
 
 @dataclass
-class LightVertices:
-    """Vertices of one light subpath per lane.
+class SubpathStart:
+    """Where subpaths begin: at an emitter (``of_light``), or at the camera (a Dr.Jit PyTree).
 
-    ``kept`` are for connections, each standing for ``represented`` vertices (0 where there is
-    none); ``projected`` is for the connection to the camera, with contribution weight
-    ``projected_weight``.
+    Rays of the camera begin on the near clipping plane; ``near`` and ``far`` are the distances of
+    both planes along them from the lens. ``place`` is where they meet the film, or where on the
+    lens all vertices of a light subpath are seen; ``free`` draws the first free path.
     """
 
-    kept: list[LightVertex]
-    represented: list[mi.Float]
-    projected: LightVertex
-    projected_weight: mi.Float
-    aperture: mi.Point2f
+    of_light: mi.Bool
+    ray: EmittedRay
+    near: mi.Float
+    far: mi.Float
+    place: mi.Point2f
+    free: mi.Float
 
 
-@dr.syntax
-def trace_light_subpath(
-    scene: mi.Scene, sensor: mi.Sensor, emission: Emission, stream: Stream, limits: PathLimits,
-    mirrors: MirrorSet | None, count: int,
-) -> LightVertices:  # fmt: skip
-    """Trace one light subpath per lane; keep up to 6 (``count``) of its vertices.
+@dataclass
+class _Walk:
+    """The state of the loop over events (a Dr.Jit PyTree).
 
-    They are drawn by the light that reaches them, with replacement. Long scattering happens here;
-    vertices are connected afterwards (``render.integrators.connections``), by lanes that all do the
-    same.
+    ``tail`` are the last vertices, ``event`` is where the numbers are, ``edges`` the edge under
+    way, ``passes`` how many volume vertices the camera may still pass, ``radiance`` that of
+    emitters met and of direct light.
     """
-    # ----------------------------- Configure loop state ------------------------------
-    edges_max, roulette = limits.edges(), limits.roulette()
-    pick, x, y, free = stream.event(mi.UInt32(0))
-    u, w, *lens = stream.event(mi.UInt32(1))
-    aperture = mi.Point2f(*lens)  # where all vertices of the subpath see the lens
-    start = emission.start(pick, mi.Point2f(x, y), u, w)
-    state = begin_subpath(start.o, start.d, start.medium, start.beta, start.d_vcm, start.d_vc, free)
-    state = PassableState.of(state)
-    event, edges = mi.UInt32(2), mi.UInt32(1)  # where the numbers are; the edge under way
-    tail = SubpathTail.empty()  # the last vertices
-    kept = [Reservoir.holding(LightVertex.none()) for _ in range(count)]
-    projected = Reservoir.holding(LightVertex.none())  # for the camera
-    active = dr.max(start.beta) > 0  # lanes under way
-    while active:
-        if not emission.media:
-            state = in_vacuum(state)
-        state, found, arrived, escaped = trace_segment(scene, state, active)
-        v = cast(PassableVertex, found)
-        # Light from afar has no distance.
-        length = dr.select(start.parallel & (edges == 1), state.length, 1.0)
-        v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
-        strategy = connection_weight(v, tail, from_camera=False, first=edges == 1)
-        d_vcm = shared_d_vcm(mirrors, v, tail, arrived, from_camera=False, strategy=strategy)
-        tail = dr.select(arrived, tail.then(v), tail)
-        v.d_vcm = d_vcm
-        # --------------- Draw by the light that reaches the vertex --------------------
-        non_delta = arrived & ~v.delta
-        here = LightVertex(v, tail.previous, tail.glossy_after_wide, edges)
-        first_numbers = stream.event(event + EVENT_BLOCK)
-        target = dr.select(non_delta, channel_mean(v.beta), 0.0)
-        last_numbers = stream.event(event + 2 * EVENT_BLOCK)
-        numbers = (*first_numbers[1:], *last_numbers[1:])
-        for m in range(count):
-            kept[m] = kept[m].update(here, target, numbers[m])
-        # ------------------ ... and by what it sends to the camera --------------------
-        target = _camera_target(sensor, v, aperture, non_delta & (edges < edges_max))
-        projected = projected.update(here, target, first_numbers[0])
-        # -------------------------- Scatter, or end the path --------------------------
-        going = arrived & (edges < edges_max)
-        state, alive = sample_scattering(
-            state, v, mi.TransportMode.Importance, stream.event(event), going
-        )
+
+    state: SubpathState
+    tail: SubpathTail
+    event: mi.UInt32
+    edges: mi.UInt32
+    passes: mi.UInt32
+    radiance: mi.Spectrum
+
+
+class SubpathTracer:
+    """Both kinds of subpaths of one scene, lane by lane, by one loop that is compiled once."""
+
+    def __init__(
+        self, scene: mi.Scene, sensor: mi.Sensor, emission: Emission, limits: PathLimits
+    ) -> None:
+        """Take what subpaths know of the scene."""
+        self.scene, self.sensor, self.emission = scene, sensor, emission
+        self.limits, self.media = limits, emission.media
+        flags = [shape.bsdf().flags() for shape in scene.shapes() if shape.bsdf() is not None]
+        # What is in groups of shapes is not shown.
+        hidden = any(class_of(shape) == "Instance" for shape in scene.shapes())
+        self.refracts = hidden or any(_refracts(kinds) for kinds in flags)
+        # Kernels of simple scenes know that all is alike: so much less is compiled.
+        self.like = SubpathVertex.none()
+        self.constant: tuple[str, ...] = _CONSTANT
+        if not self.media:
+            self.constant += _OF_MEDIA
+            if not (hidden or any(_is_glossy(kinds) for kinds in flags)):
+                self.constant += ("diffuse",)
+                self.like.vertex.diffuse = mi.Bool(True)
+
+    @dr.syntax
+    def trace(
+        self, start: SubpathStart, stream: Stream, mirrors: MirrorSet | None, count: int
+    ) -> tuple[mi.Spectrum, StackedRecords]:
+        """Return what subpaths find by themselves, and the vertices that they keep.
+
+        Those of the camera are ``MAIN`` to ``MIRROR_END``; light subpaths keep ``count`` drawn by
+        the light that reaches them, with replacement, and one by what it sends to the camera. Long
+        scattering happens here; vertices are connected afterwards
+        (``render.integrators.connections``), by lanes that all do the same.
+        """
+        of_light, walk = start.of_light, self._begun(start)
+        camera_count = MIRROR_END if mirrors is None else MIRROR_END + 1
+        reservoirs = max(camera_count, count + 1)
+        slots = DrawnRecords(self.like, dr.width(of_light), reservoirs, self.constant)
+        drawn = slots.nothing
         # Relative to the start, whose units are the emitter's.
-        relative = state.beta / dr.maximum(dr.max(start.beta), 1e-30)
-        weight = roulette_weight(relative, edges, roulette, last_numbers[0])
-        state.beta = dr.select(alive, state.beta * weight, state.beta)
-        alive = alive & (weight > 0)
-        active &= ~escaped & (~arrived | alive) & (event < EVENTS_MAX)
-        edges += dr.select(arrived, 1, 0)
-        event += 1
-    return LightVertices(
-        [drawn.item for drawn in kept],
-        [drawn.contribution_weight(draws=count) for drawn in kept],
-        projected.item, projected.contribution_weight(), aperture,
-    )  # fmt: skip
+        unit = dr.select(of_light, dr.rcp(dr.maximum(dr.max(start.ray.beta), 1e-30)), 1.0)
+        edges_max, roulette = self.limits.edges(), self.limits.roulette()
+        active = dr.max(start.ray.beta) > 0  # lanes under way
+        while active:
+            edges, event = walk.edges, walk.event
+            v, met, arrived, escaped = self._arrive(start, walk, mirrors, active)
+            # ------------ Emitters and direct light, or what is sent to the camera ------------
+            numbers, further = (stream.event(event + k * EVENT_BLOCK) for k in (1, 2))
+            allowed = arrived & ~v.delta & (edges < edges_max)
+            sent, found = mi.Float(0.0), mi.Spectrum(0.0)
+            if of_light:
+                sent = _camera_target(self.sensor, v, start.place, allowed)
+            else:
+                found = met
+                square = mi.Point2f(numbers[1], numbers[2])
+                found += self.emission.direct(self.scene, v, numbers[0], square, allowed)
+            walk.radiance += found
+            # ----------------------------- Keep it, or do not ---------------------------------
+            received = dr.select(arrived & ~v.delta, channel_mean(v.beta), 0.0)
+            tail = walk.tail
+            here = SubpathVertex(v, tail.previous, tail.glossy_after_wide, edges, walk.passes)
+            of_camera = _camera_weights(v, arrived, edges == 1, drawn[MAIN].weight == 0)
+            weights = _by_kind(of_light, [*([received] * count), sent], of_camera, reservoirs)
+            draws = [*[*numbers[1:], *further[1:]][:count], numbers[0]]
+            draws = _by_kind(of_light, draws, [*([numbers[3]] * 3), further[1]], reservoirs)
+            drawn = slots.updated(drawn, here, weights, draws)
+            # ---------------------------- Scatter, or end the path ----------------------------
+            going = arrived & (of_light | ~v.terminal) & (edges < edges_max)
+            mode = EitherMode(of_light, self.refracts)
+            scattering = stream.event(event)
+            state, alive = sample_scattering(walk.state, v, mode, scattering, going)
+            # Only a specular face leaves no light subpath that could have been connected here.
+            walk.passes = dr.select(going & (state.d_vcm == 0), VOLUME_PASSES, walk.passes)
+            # Free paths need no number where there are no media.
+            number = further[0] if self.media else scattering[0]
+            weight = roulette_weight(state.beta * unit, edges, roulette, number)
+            state.beta = dr.select(alive, state.beta * weight, state.beta)
+            walk.state = state
+            active &= ~escaped & (~arrived | (alive & (weight > 0))) & (event < EVENTS_MAX)
+            walk.edges = edges + dr.select(arrived, 1, 0)
+            walk.event = event + 1
+        sharing = [dr.select(of_light, float(count), 1.0)] * count + [mi.Float(1.0)] * reservoirs
+        dr.schedule(walk.radiance)  # by the same kernel
+        return walk.radiance, slots.stacked(drawn, sharing[:reservoirs])
+
+    def _begun(self, start: SubpathStart) -> _Walk:
+        """Return the state of subpaths that have only begun."""
+        ray = start.ray
+        state = begin_subpath(ray.o, ray.d, ray.medium, ray.beta, ray.d_vcm, ray.d_vc, start.free)
+        state.length = mi.Float(start.near)
+        state = PassableState.of(state) if self.media else state
+        passes, radiance = mi.UInt32(VOLUME_PASSES), mi.Spectrum(0.0)
+        return _Walk(state, SubpathTail.empty(), mi.UInt32(2), mi.UInt32(1), passes, radiance)
+
+    @dr.syntax
+    def _arrive(
+        self, start: SubpathStart, walk: _Walk, mirrors: MirrorSet | None, active: mi.Bool
+    ) -> tuple[PassableVertex, mi.Spectrum, mi.Bool, mi.Bool]:
+        """Let a subpath go on to a vertex; return it and what the camera meets of emitters.
+
+        Also returned is whether it is one, and whether light escaped (``trace_segment``).
+        """
+        from_camera, first = ~start.of_light, walk.edges == 1
+        if not self.media:
+            walk.state = in_vacuum(walk.state)
+        # Nothing behind the far plane is seen, but the sky.
+        reach = dr.select(first, start.far, dr.inf)
+        walk.state, v, arrived, escaped = trace_segment(self.scene, walk.state, active, reach)
+        # Light from afar has no distance.
+        length = dr.select(start.ray.parallel & first, walk.state.length, 1.0)
+        v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
+        met = mi.Spectrum(0.0)
+        if from_camera:
+            # Light subpaths of one vertex are not connected to the camera: nothing competes with
+            # the first hit.
+            met = self.emission.met(v, dr.select(first, 0.0, v.d_vcm), arrived)
+            met += self.emission.escaped(walk.state, first, escaped)
+        strategy = connection_weight(v, walk.tail, from_camera, first)
+        d_vcm = shared_d_vcm(mirrors, v, walk.tail, arrived, from_camera, strategy)
+        v.terminal = v.terminal & (start.of_light | (walk.passes == 0))
+        walk.passes = dr.select(arrived, passes_behind(v, walk.passes), walk.passes)
+        walk.tail = dr.select(arrived, walk.tail.then(v), walk.tail)
+        v.d_vcm = d_vcm
+        return cast(PassableVertex, v), met, arrived, escaped
+
+
+def _refracts(flags: int) -> bool:
+    """Return whether radiance and importance may be scattered otherwise by such a BSDF."""
+    kinds = (mi.BSDFFlags.DeltaTransmission, mi.BSDFFlags.GlossyTransmission)
+    return any(mi.has_flag(flags, kind) for kind in kinds)
+
+
+def _is_glossy(flags: int) -> bool:
+    """Return whether vertices with such a BSDF are kept and not diffuse."""
+    smooth = mi.has_flag(flags, mi.BSDFFlags.Smooth)
+    return bool(smooth and not mi.has_flag(flags, mi.BSDFFlags.Diffuse))
+
+
+def _camera_weights(
+    v: Vertex, arrived: mi.Bool, first: mi.Bool, is_main: mi.Bool
+) -> list[mi.Float]:
+    """Return the selection weights of ``v`` on a camera subpath: ``MAIN`` to ``MIRROR_END``."""
+    non_delta = arrived & ~v.delta
+    wide = non_delta & has_wide_lobe(v)
+    glossy = dr.select(first, SEEN_GLOSSY_WEIGHT, 1.0)
+    return [
+        dr.select(wide & is_main, 1.0, 0.0),
+        dr.select(wide & ~is_main, 1.0, 0.0),
+        dr.select(non_delta & ~wide, glossy, 0.0),
+        dr.select(wide, dr.select(is_main, 1.0, LATER_WEIGHT), 0.0),
+    ]
+
+
+def _by_kind(
+    of_light: mi.Bool, light: list[mi.Float], camera: list[mi.Float], count: int
+) -> list[mi.Float]:
+    """Return numbers of ``count`` reservoirs, those of light or of camera subpaths."""
+    pairs = zip_longest(light, camera, fillvalue=mi.Float(0.0))
+    return [dr.select(of_light, *pair) for pair in pairs][:count]
 
 
 def _lens_seen_from(

@@ -12,13 +12,15 @@ scales are drawn alike often, whatever the size of the scene.
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.integrators.resampling import LightProxies, PackedProxies
-from render.integrators.subpaths import LightVertex, LightVertices
-from render.paths.records import PackedRecords, stacked
+from render.integrators.resampling import PROXY_WORDS, LightProxies, PackedProxies
+from render.integrators.subpaths import SubpathVertex
+from render.paths.records import StackedRecords
 from render.sampling.streams import Numbers
 
 SHARED_PATHS = 48
@@ -29,6 +31,7 @@ NEIGHBOR_SCALE = 4.0
 """How many of them are about as likely as the very nearest one."""
 MORTON_BITS = 16
 """Bits per axis of a place on the curve; the rest of a key is the group."""
+MORTON_MAX = float((1 << MORTON_BITS) - 1)
 
 
 class LaneGroups:
@@ -45,13 +48,13 @@ class LaneGroups:
         self.count = groups
         self.lane = dr.arange(mi.UInt32, lanes)
 
-    def film_positions(self, numbers: Numbers, height: int) -> mi.Point2f:
-        """Return uniform film positions in [0, 1)^2 for uniform numbers.
+    def film_positions(self, lane: mi.UInt32, numbers: Numbers, height: int) -> mi.Point2f:
+        """Return uniform film positions in [0, 1)^2 of lanes, for uniform numbers.
 
         ``height`` is the number of pixel rows, along which the strata run.
         """
         x, y = numbers[:2]
-        place, members = self.lane // self.groups, self.members(self.lane)
+        place, members = lane // self.groups, self.members(lane)
         # (place + x) / members of all rows; whole rows are counted in integers, which keeps all
         # bits of x.
         before = place * height // members
@@ -75,15 +78,19 @@ class LaneGroups:
 
 
 class LightVertexCache:
-    """All kept light vertices: one slot of all lanes after the other."""
+    """All light vertices that are kept for connections: one slot of all lanes after the other."""
 
-    def __init__(self, light: LightVertices, groups: LaneGroups) -> None:
+    def __init__(self, kept: StackedRecords, slots: int, groups: LaneGroups) -> None:
+        """Take ``slots`` vertices of each lane, which follow those of its camera subpath."""
+        self.packed, self.groups, self.slots = kept.packed, groups, slots
         lanes = dr.width(groups.lane)
-        self.groups, self.slots = groups, len(light.kept)
-        vertices: LightVertex = stacked(light.kept, lanes)
-        self.represented: mi.Float = stacked(light.represented, lanes)
-        self.proxies = LightProxies.of(vertices, self.represented)
-        self.packed = PackedRecords(vertices)
+        number = dr.arange(mi.UInt32, slots * lanes)
+        there = number + (number // groups.lanes + 1) * groups.lanes
+        self.row = dr.gather(mi.UInt32, kept.row, there)
+        self.represented = dr.gather(mi.Float, kept.weight, there)
+        vertices = kept.packed.gather(self.row, self.represented > 0)
+        self.proxies = PackedProxies(LightProxies.of(vertices, self.represented))
+        dr.eval(self.row, self.represented, self.proxies.rows)
 
     def index(self, number: mi.UInt32) -> mi.UInt32:
         """Return where the ``number``-th vertex of each lane's partners is."""
@@ -91,64 +98,55 @@ class LightVertexCache:
         lane = self.groups.partner(self.groups.lane, k)
         return (number - k * self.slots) * self.groups.lanes + lane
 
-    def vertex(self, index: mi.UInt32, active: mi.Bool) -> LightVertex:
+    def vertex(self, index: mi.UInt32, active: mi.Bool) -> SubpathVertex:
         """Return the vertices at ``index``."""
-        found: LightVertex = self.packed.gather(index, active)
+        found: SubpathVertex = self.packed.gather(
+            dr.gather(mi.UInt32, self.row, index, active), active
+        )
+        found.vertex.weight = mi.Float(1.0)
         return found
 
 
 class MortonNeighbors:
     """The light vertices of each group in Morton order, around a point per lane."""
 
-    def __init__(self, proxies: LightProxies, groups: LaneGroups, p: mi.Point3f) -> None:
+    def __init__(self, proxies: PackedProxies, groups: LaneGroups, p: mi.Point3f) -> None:
         """Order the vertices ``proxies`` and find the places of the points ``p``."""
         lanes = dr.width(groups.lane)
         # With NumPy: each small kernel would take LLVM longer than the work in it.
-        there = np.array(proxies.power) > 0
-        number = np.arange(len(there), dtype=np.uint64)
-        group = number % np.uint64(lanes) % np.uint64(groups.count)
-        points = np.stack([np.array(c)[there] for c in proxies.p])
-        low, high = points.min(axis=1, initial=np.inf), points.max(axis=1, initial=-np.inf)
-        size = (high - low).max()
-        self.low = mi.Point3f(low if there.any() else 0.0)
-        self.scale = mi.Float((1 << MORTON_BITS) / size if size > 0 else 1.0)
-        dr.make_opaque(self.low, self.scale)
-        keys = np.array(self._keys(proxies.p, mi.UInt64(group)))
+        rows = np.array(proxies.rows).reshape(-1, PROXY_WORDS)
+        points, there = rows[:, :3].T, rows[:, 3] > 0
+        group = np.arange(len(rows), dtype=np.uint64) % np.uint64(lanes) % np.uint64(groups.count)
+        low = points[:, there].min(axis=1, initial=np.inf)
+        size = (points[:, there].max(axis=1, initial=-np.inf) - low).max()
+        low, scale = np.where(there.any(), low, 0.0), (1 << MORTON_BITS) / size if size > 0 else 1.0
+        scaled = np.clip((points - low[:, None]) * np.float32(scale), 0.0, MORTON_MAX)
+        keys = _interleaved([axis.astype(np.uint64) for axis in scaled])
         # Vertices without light come behind all groups.
-        starts = np.arange(groups.count + 1, dtype=np.uint64) << np.uint64(3 * MORTON_BITS)
-        keys[~there] = starts[-1]
+        keys += np.where(there, group, np.uint64(groups.count)) << np.uint64(3 * MORTON_BITS)
         order = np.argsort(keys).astype(np.uint32)
         keys = keys[order]
         rank = np.empty(len(order), dtype=np.int32)
         rank[order] = np.arange(len(order), dtype=np.int32)
         self.order, self.rank, sorted_keys = mi.UInt32(order), mi.Int32(rank), mi.UInt64(keys)
-        self.proxies = PackedProxies(dr.gather(LightProxies, proxies, self.order))
-        mine = groups.lane % groups.groups
+        starts = np.arange(groups.count + 1, dtype=np.uint64) << np.uint64(3 * MORTON_BITS)
         limits = mi.Int32(np.searchsorted(keys, starts).astype(np.int32))
-        self.first, self.last = (
-            dr.gather(mi.Int32, limits, mine),
-            dr.gather(mi.Int32, limits, mine + 1),
-        )
-        key = self._keys(p, mi.UInt64(mine))
-        self.place = mi.Int32(
-            dr.binary_search(0, len(keys), lambda i: dr.gather(mi.UInt64, sorted_keys, i) < key)
-        )
+        mine = groups.lane % groups.groups
+        self.first, self.last = (dr.gather(mi.Int32, limits, mine + k) for k in range(2))
+        first_point, cells = mi.Point3f(low.astype(np.float32)), mi.Float(scale)
+        dr.make_opaque(first_point, cells)
+        scaled = dr.clip((p - first_point) * cells, 0.0, MORTON_MAX)
+        key = _interleaved([mi.UInt64(axis) for axis in scaled])
+        key += mi.UInt64(mine) << (3 * MORTON_BITS)
+        self.place = _lower_bound(sorted_keys, key, self.first, self.last)
         # Light subpaths of the group for each that a camera subpath looks at.
         self.ratio = mi.Float(groups.members(groups.lane)) / mi.Float(groups.paths)
-        dr.eval(self.first, self.last, self.place, self.ratio)
 
-    def _keys(self, p: mi.Point3f, group: mi.UInt64) -> mi.UInt64:
-        scaled = dr.clip((p - self.low) * self.scale, 0.0, float((1 << MORTON_BITS) - 1))
-        key = group << (3 * MORTON_BITS)
-        for axis in range(3):
-            key |= _interleaved(mi.UInt64(scaled[axis])) << axis
-        return key
+    def sample(self, number: mi.Float, count: int) -> tuple[mi.UInt32, mi.Float]:
+        """Return the index of a vertex near each lane's point, one of ``count``.
 
-    def sample(self, number: mi.Float, count: int) -> tuple[LightProxies, mi.Int32, mi.Float]:
-        """Return a vertex near each lane's point, one of ``count``, and its place in the order.
-
-        The last result is how many of the vertices that ``holds`` leaves out it represents, 0 where
-        there is none.
+        The second result is how many of the vertices that ``holds`` leaves out it represents, 0
+        where there is none.
         """
         signed = 2.0 * number - 1.0
         log_range = np.log1p(NEIGHBOR_WINDOW / NEIGHBOR_SCALE)
@@ -158,21 +156,32 @@ class MortonNeighbors:
         probability = dr.log(1.0 + dr.rcp(mi.Float(offset) + NEIGHBOR_SCALE)) / log_range
         probability = dr.select(offset > 0, 0.5 * probability, probability)
         represented = dr.select(valid, dr.rcp(self.ratio * probability * count), 0.0)
-        return self.proxies.gather(mi.UInt32(place), valid), place, represented
+        return dr.gather(mi.UInt32, self.order, mi.UInt32(place), valid), represented
 
     def holds(self, index: mi.UInt32) -> mi.Bool:
         """Return whether ``sample`` can find the vertex with that ``index``."""
         return dr.abs(dr.gather(mi.Int32, self.rank, index) - self.place) < NEIGHBOR_WINDOW
 
-    def index(self, place: mi.Int32) -> mi.UInt32:
-        """Return the index of the vertex at ``place``."""
-        return dr.gather(mi.UInt32, self.order, mi.UInt32(place))
+
+@dr.syntax
+def _lower_bound(keys: mi.UInt64, key: mi.UInt64, first: mi.Int32, last: mi.Int32) -> mi.Int32:
+    """Return the first place from ``first`` on, up to ``last``, where ``keys`` are not below."""
+    first, last = mi.Int32(first), mi.Int32(last)
+    while first < last:
+        middle = (first + last) >> 1
+        below = dr.gather(mi.UInt64, keys, mi.UInt32(middle)) < key
+        first = dr.select(below, middle + 1, first)
+        last = dr.select(below, last, middle)
+    return first
 
 
-def _interleaved(x: mi.UInt64) -> mi.UInt64:
-    """Return ``x`` of 16 bits with two zero bits between any two."""
-    for shift, mask in (
-        (16, 0x0000FF0000FF), (8, 0x00F00F00F00F), (4, 0x0C30C30C30C3), (2, 0x249249249249)
-    ):  # fmt: skip
-        x = (x | (x << shift)) & mi.UInt64(mask)
-    return x
+def _interleaved(axes: list[Any]) -> Any:
+    """Return the bits of three numbers of 16 bits in turns, of NumPy's arrays or of Dr.Jit's."""
+    key: Any = 0
+    for axis, x in enumerate(axes):
+        for shift, mask in (
+            (16, 0x0000FF0000FF), (8, 0x00F00F00F00F), (4, 0x0C30C30C30C3), (2, 0x249249249249)
+        ):  # fmt: skip
+            x = (x | (x << shift)) & mask
+        key = key | (x << axis)
+    return key

@@ -96,7 +96,8 @@ def _density_ratio(
 
 
 def shared_d_vcm(
-    mirrors: MirrorDensity | None, v: Vertex, tail: SubpathTail, active: mi.Bool, from_camera: bool,
+    mirrors: MirrorDensity | None, v: Vertex, tail: SubpathTail, active: mi.Bool,
+    from_camera: mi.Bool | bool,
     strategy: mi.Float | float = 1.0,
 ) -> mi.Float:  # fmt: skip
     """Return ``d_vcm`` of ``v`` with mirror connections at its triple.
@@ -106,7 +107,8 @@ def shared_d_vcm(
     if mirrors is None:
         return v.d_vcm * strategy
     ends = active & tail.glossy_after_wide & has_wide_lobe(v)
-    a, y = (tail.previous, v.p) if from_camera else (v.p, tail.previous)
+    a = dr.select(from_camera, tail.previous, v.p)
+    y = dr.select(from_camera, v.p, tail.previous)
     further = _density_ratio(mirrors, a, tail.p, tail.n, tail.d_vcm, y, ends)
     return dr.minimum(v.d_vcm * (strategy + further), RATIO_MAX)
 

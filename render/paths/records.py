@@ -1,4 +1,4 @@
-"""Records of vertices in memory, where other lanes read them: written, stacked and packed.
+"""Records of vertices in memory, where other lanes read them.
 
 A record is a dataclass of arrays, Mitsuba's structures and records (a Dr.Jit PyTree).
 """
@@ -6,12 +6,14 @@ A record is a dataclass of arrays, Mitsuba's structures and records (a Dr.Jit Py
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import is_dataclass
+from dataclasses import dataclass, is_dataclass
 from itertools import count
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+
+from render.sampling.reservoirs import Reservoir
 
 
 def allocated(record: Any, size: int) -> Any:
@@ -22,36 +24,41 @@ def allocated(record: Any, size: int) -> Any:
     return _rebuilt(record, lambda kind: dr.empty(kind, size))
 
 
-def stacked(records: list[Any], lanes: int) -> Any:
-    """Return evaluated records of ``lanes`` entries each, one after the other."""
-    leaves = zip(*(_leaves(record) for record in records), strict=True)
-
-    def leaf(_kind: Any) -> Any:
-        # What is the same in all lanes may be there only once.
-        each = (x if dr.width(x) == lanes else dr.repeat(x, lanes) for x in next(leaves))
-        return dr.concat(list(each))
-
-    return _rebuilt(records[0], leaf)
-
-
 class PackedRecords:
     """Records as rows of 32-bit words, which a dozen loads fetch instead of forty."""
 
-    def __init__(self, records: Any) -> None:
-        """Write the rows: all flags in the first word, every other number in one of its own."""
-        self.records = records
-        leaves, flags = _leaves(records), mi.UInt32(0)
+    def __init__(self, like: Any, size: int, constant: tuple[str, ...] = ()) -> None:
+        """Make room for ``size`` records; fields named ``constant`` are always those of ``like``.
+
+        All flags are in the first word, every other number in one of its own.
+        """
+        self.like, self.constant = like, constant
+        numbers = sum(type(x) is not mi.Bool for x in _leaves(like, constant))
+        self.loads = (numbers + 4) // 4
+        self.rows = dr.empty(mi.UInt32, 4 * self.loads * size)
+
+    @staticmethod
+    def of(records: Any) -> PackedRecords:
+        """Return ``records`` as they are, evaluated."""
+        size = dr.width(records)
+        packed = PackedRecords(records, size)
+        packed.write(records, dr.arange(mi.UInt32, size))
+        dr.eval(packed.rows)
+        return packed
+
+    def write(self, records: Any, index: mi.UInt32, active: mi.Bool | bool = True) -> None:
+        """Write one of the ``records`` per lane to its own ``index``; loops may do so, too."""
+        leaves, flags = _leaves(records, self.constant), mi.UInt32(0)
         for k, flag in enumerate(x for x in leaves if type(x) is mi.Bool):
             flags |= dr.select(flag, mi.UInt32(1 << k), 0)
         numbers = [x for x in leaves if type(x) is not mi.Bool]
         words = [flags, *(dr.reinterpret_array(mi.UInt32, x) for x in numbers)]
         words += [mi.UInt32(0)] * (-len(words) % 4)
-        self.loads, width = len(words) // 4, dr.width(flags)
-        self.rows = dr.empty(mi.UInt32, len(words) * width)
-        row = self.loads * dr.arange(mi.UInt32, width)
         for i in range(self.loads):
-            dr.scatter(self.rows, mi.Vector4u(*words[4 * i : 4 * i + 4]), row + i)
-        dr.eval(self.rows)
+            load = mi.Vector4u(*words[4 * i : 4 * i + 4])
+            # Said to be apart, all of them are written by one kernel.
+            apart = dr.ReduceMode.NoConflicts
+            dr.scatter(self.rows, load, self.loads * index + i, active, mode=apart)
 
     def gather(self, index: mi.UInt32, active: mi.Bool | bool = True) -> Any:
         """Return the records at ``index``."""
@@ -65,7 +72,72 @@ class PackedRecords:
                 return (flags & (1 << next(bits))) != 0
             return dr.reinterpret_array(kind, next(numbers))
 
-        return _rebuilt(self.records, leaf)
+        return _rebuilt(self.like, leaf, self.constant)
+
+
+class DrawnRecords:
+    """What reservoirs of each lane have drawn, as rows: loops carry numbers of slots instead.
+
+    A lane has one slot more than reservoirs, so one is always free for what comes next.
+    """
+
+    def __init__(
+        self, like: Any, lanes: int, reservoirs: int, constant: tuple[str, ...] = ()
+    ) -> None:
+        """Make room for records like ``like`` (``PackedRecords``)."""
+        slots = reservoirs + 1
+        self.packed = PackedRecords(like, slots * lanes, constant)
+        self.first = slots * dr.arange(mi.UInt32, lanes)
+        self.nothing = [Reservoir.holding(mi.UInt32(0)) for _ in range(reservoirs)]
+
+    def updated(
+        self, drawn: list[Reservoir], record: Any, weights: list[mi.Float], numbers: list[mi.Float]
+    ) -> list[Reservoir]:
+        """Return reservoirs of slots that have been offered ``record``, each with its weight."""
+        taken = mi.UInt32(0)
+        for reservoir in drawn:
+            taken |= mi.UInt32(1) << reservoir.item
+        free = dr.tzcnt(~taken)
+        after = [
+            reservoir.update(free, weight, number)
+            for reservoir, weight, number in zip(drawn, weights, numbers, strict=True)
+        ]
+        kept = mi.Bool(False)
+        for reservoir in after:
+            kept |= reservoir.item == free
+        self.packed.write(record, self.first + free, kept)
+        return after
+
+    def stacked(self, drawn: list[Reservoir], draws: list[mi.Float]) -> StackedRecords:
+        """Return what was drawn in the end, evaluated; ``draws`` of the same records share them."""
+        lanes, size = dr.width(self.first), len(drawn) * dr.width(self.first)
+        row, weight = dr.empty(mi.UInt32, size), dr.empty(mi.Float, size)
+        there, step = dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, lanes)
+        apart = dr.ReduceMode.NoConflicts
+        for one, n in zip(drawn, draws, strict=True):
+            dr.scatter(row, self.first + one.item, there, mode=apart)
+            dr.scatter(weight, one.contribution_weight(draws=n), there, mode=apart)
+            there += step
+        dr.eval(row, weight, self.packed.rows)
+        return StackedRecords(self.packed, row, weight)
+
+
+@dataclass
+class StackedRecords:
+    """Drawn records, those of one reservoir after the other.
+
+    ``row`` is where each is, and ``weight`` how many it stands for, 0 where there is none.
+    """
+
+    packed: PackedRecords
+    row: mi.UInt32
+    weight: mi.Float
+
+    def gather(self, index: mi.UInt32) -> tuple[Any, mi.Float]:
+        """Return the records at ``index``, and how many each stands for."""
+        weight = dr.gather(mi.Float, self.weight, index)
+        row = dr.gather(mi.UInt32, self.row, index)
+        return self.packed.gather(row, weight > 0), weight
 
 
 def _parts(tree: Any) -> list[tuple[Any, Any]] | None:
@@ -77,18 +149,25 @@ def _parts(tree: Any) -> list[tuple[Any, Any]] | None:
     return list(enumerate(tree)) if dr.depth_v(tree) > 1 else None
 
 
-def _leaves(tree: Any) -> list[Any]:
-    """Return the arrays of a tree, in order."""
+def _leaves(tree: Any, left_out: tuple[str, ...] = ()) -> list[Any]:
+    """Return the arrays of a tree, in order, without those of parts that are ``left_out``."""
     parts = _parts(tree)
-    return [tree] if parts is None else [x for _, part in parts for x in _leaves(part)]
+    if parts is None:
+        return [tree]
+    return [x for name, part in parts if name not in left_out for x in _leaves(part, left_out)]
 
 
-def _rebuilt(tree: Any, leaf: Callable[[Any], Any]) -> Any:
-    """Return a tree like ``tree`` whose arrays of a kind are what ``leaf`` returns, in order."""
+def _rebuilt(tree: Any, leaf: Callable[[Any], Any], constant: tuple[str, ...] = ()) -> Any:
+    """Return a tree like ``tree`` whose arrays of a kind are what ``leaf`` returns, in order.
+
+    Parts named ``constant`` are its own.
+    """
     parts, kind = _parts(tree), type(tree)
     if parts is None:
         return leaf(kind)
-    built = [(name, _rebuilt(part, leaf)) for name, part in parts]
+    built = [
+        (name, part if name in constant else _rebuilt(part, leaf, constant)) for name, part in parts
+    ]
     if is_dataclass(tree):
         return kind(**dict(built))
     if hasattr(kind, "DRJIT_STRUCT"):

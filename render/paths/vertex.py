@@ -7,7 +7,9 @@ outgoing direction; a volume vertex its phase function. Densities are per solid 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -126,6 +128,34 @@ def for_camera_passes(y: PassableVertex, passes: mi.UInt32) -> Vertex:
     return chosen
 
 
+@dataclass(frozen=True)
+class EitherMode:
+    """The mode of transport of subpaths of both kinds, lane by lane.
+
+    Without refraction both scatter alike (``refracts``), but for shading normals.
+    """
+
+    importance: mi.Bool
+    refracts: bool
+
+
+def by_mode(
+    mode: mi.TransportMode | EitherMode, active: mi.Bool,
+    scatter: Callable[[mi.BSDFContext, mi.Bool], Any],
+) -> Any:  # fmt: skip
+    """Return what ``scatter`` does in a mode, for ``active`` lanes."""
+    if not isinstance(mode, EitherMode):
+        return scatter(mi.BSDFContext(mode), active)
+    if not mode.refracts:
+        return scatter(mi.BSDFContext(), active)
+    importance = mi.BSDFContext(mi.TransportMode.Importance)
+    return dr.select(
+        mode.importance,
+        scatter(importance, active & mode.importance),
+        scatter(mi.BSDFContext(), active & ~mode.importance),
+    )
+
+
 def surface_interaction(v: Vertex) -> mi.SurfaceInteraction3f:
     """Return the Mitsuba surface interaction that ``v`` stands for."""
     si = dr.zeros(mi.SurfaceInteraction3f)
@@ -168,17 +198,20 @@ def evaluate_scattering(
     return value, pdf, reverse
 
 
-def shading_factor(v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode) -> mi.Float | float:
+def shading_factor(
+    v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode | EitherMode
+) -> mi.Float | float:
     """Return what a shading normal takes from or adds to light that ``v`` sends to ``wo``.
 
     A mesh with normals of its vertices scatters importance otherwise than radiance (Veach 1997,
     eq. 5.19); 1 where the shading normal is the surface's own.
     """
-    if mode != mi.TransportMode.Importance:
+    if not isinstance(mode, EitherMode) and mode != mi.TransportMode.Importance:
         return 1.0
     sent = dr.abs(dr.dot(v.frame.n, v.wi) * dr.dot(v.n, wo))
     received = dr.abs(dr.dot(v.n, v.wi) * dr.dot(v.frame.n, wo))
-    return dr.select(received > 0, sent / received, 0.0)
+    factor = dr.select(received > 0, sent / received, 0.0)
+    return dr.select(mode.importance, factor, 1.0) if isinstance(mode, EitherMode) else factor
 
 
 def scattering_value(

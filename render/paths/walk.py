@@ -19,9 +19,11 @@ import mitsuba as mi
 from render.paths.vertex import (
     RATIO_MAX,
     VOLUME_PASSES,
+    EitherMode,
     PassableVertex,
     Vertex,
     area_factor,
+    by_mode,
     channel_mean,
     d_vc_for,
     evaluate_scattering,
@@ -208,7 +210,7 @@ def trace_segment(
 def sample_scattering(
     state: SubpathState,
     v: Vertex,
-    mode: mi.TransportMode,
+    mode: mi.TransportMode | EitherMode,
     numbers: tuple[mi.Float, mi.Float, mi.Float, mi.Float],
     active: mi.Bool,
     guiding: GuidingDistribution | None = None,
@@ -225,14 +227,15 @@ def sample_scattering(
     square = mi.Point2f(x, y)
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)
-    context = mi.BSDFContext(mode)
     # A BSDF of several parts draws one of them by the number that selects guided directions.
     part = lobe if guiding is None else guiding.unselected(v, lobe)
-    sample, weight = v.bsdf.sample(context, si, part, square, surface)
+    sample, weight = by_mode(
+        mode, surface, lambda context, on: v.bsdf.sample(context, si, part, square, on)
+    )
     wo_surface = v.frame.to_world(sample.wo)
     back = mi.Vector3f(si.wi)
     si.wi = sample.wo
-    reverse = v.bsdf.pdf(context, si, back, surface)
+    reverse = v.bsdf.pdf(mi.BSDFContext(), si, back, surface)
     delta = surface & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     wo_phase, phase_weight, phase_pdf = v.phase.sample(
         mi.PhaseFunctionContext(), medium_interaction(v), lobe, square, volume

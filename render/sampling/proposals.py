@@ -83,6 +83,12 @@ class Mutation:
     step: mi.UInt32
     tail: mi.UInt32
 
+    @staticmethod
+    def all_large(seed: mi.UInt32) -> Mutation:
+        """Return large steps to the independent paths of a ``seed`` each."""
+        # In arrays of their own, so that kernels are those of other steps; only one is read.
+        return Mutation(dr.full(mi.Bool, True, dr.width(seed)), seed, seed ^ 1, seed ^ 2)
+
 
 @dataclass
 class MutatedStream:
@@ -96,11 +102,11 @@ class MutatedStream:
     lane: mi.UInt32
     lanes: int
     mutation: Mutation
-    salt: int
-    first: int
-    block: int
-    blocks: int
-    stride: int
+    salt: mi.UInt32 | int
+    first: mi.UInt32 | int
+    block: mi.UInt32 | int
+    blocks: mi.UInt32 | int
+    stride: mi.UInt32 | int
 
     @staticmethod
     def camera(
@@ -132,6 +138,12 @@ class MutatedStream:
         """Return the numbers of the chains ``lane``."""
         there = dr.gather(mi.UInt32, self.lane, lane)
         return replace(self, lane=there, mutation=dr.gather(Mutation, self.mutation, lane))
+
+    def unless(self, there: mi.Bool, other: MutatedStream) -> MutatedStream:
+        """Return these numbers, but ``other`` ones of the same chains where ``there``."""
+        names = ("salt", "first", "block", "blocks", "stride")
+        pairs = {n: (mi.UInt32(getattr(other, n)), mi.UInt32(getattr(self, n))) for n in names}
+        return replace(self, **{n: dr.select(there, *pair) for n, pair in pairs.items()})
 
     def slot_numbers(self, slot: mi.UInt32) -> Numbers:
         """Return the numbers of stored slot ``slot`` (counted from ``first``)."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.errors import RenderError
-from render.sampling.monte_carlo import add_splat, independent_paths
+from render.sampling.monte_carlo import add_splat
 from render.sampling.proposals import MutatedStream, Mutation, PathSampler, Splat
 from render.sampling.streams import ROUNDS, key, uniform
 from render.steady_registry import steady_registry
@@ -65,6 +65,7 @@ class MarkovChains:
         camera, paths, light = sampler.stored
         self.slots = camera + paths * light
         self.lane = dr.arange(mi.UInt32, settings.chains)
+        self.memory = [dr.zeros(mi.Float, self.slots * settings.chains) for _ in range(4)]
         self.group = np.arange(settings.chains) % settings.replicates
         self.done = 0
         self.sums = np.zeros((settings.replicates, sampler.bins, sampler.channels))
@@ -123,7 +124,8 @@ class MarkovChains:
             edges = np.cumsum(f) / f.sum()
             at = (np.arange(len(lanes)) + rng.random()) / len(lanes)
             chosen[lanes] = members[np.minimum(np.searchsorted(edges, at), len(f) - 1)]
-        self._start_from(mi.UInt32(starts[chosen]))
+        # Gathered: NumPy's own memory is read by other kernels, where it is not aligned.
+        self._start_from(dr.gather(mi.UInt32, mi.UInt32(starts), mi.UInt32(chosen)))
 
     def add_estimates(self, means: Array, samples: Array | float) -> None:
         """Add estimates ``(replicate,)`` of ``b``, each worth so many plain samples."""
@@ -137,15 +139,13 @@ class MarkovChains:
 
     def _start_from(self, seed: mi.UInt32) -> None:
         """Set every chain's state to the path of a bootstrap seed."""
-        always = dr.full(mi.Bool, True, self.settings.chains)
-        self.memory = [dr.zeros(mi.Float, self.slots * self.settings.chains) for _ in range(4)]
-        mutation = Mutation(large=always, fresh=seed, step=seed, tail=seed)
-        self.current = self.sampler.evaluate(*self._streams(mutation))
+        mutation = Mutation.all_large(seed)
+        self.current = self._proposed(mutation)
         self.current_target = self._target(self.current)
         self.current_weight = dr.zeros(mi.Float, self.settings.chains)
-        self.memory = self._moved_memory(mutation, always)
+        self.memory = self._moved_memory(mutation, mutation.large)
         self.tail = seed
-        dr.eval(self.current, self.current_target, self.tail, self.memory)
+        dr.eval(self.current_target, self.tail, self.memory)
 
     # -- mutations -----------------------------------------------------------------------------
 
@@ -162,7 +162,7 @@ class MarkovChains:
             a, fresh = mi.sample_tea_32(self.lane, now, ROUNDS)
             step, c = mi.sample_tea_32(self.lane ^ 0x5BD1E995, now, ROUNDS)
             mutation = Mutation(uniform(a) < p_large, fresh, step, self.tail)
-            proposed = self.sampler.evaluate(*self._streams(mutation))
+            proposed = self._proposed(mutation)
             target = self._target(proposed)
             ratio = dr.select(self.current_target > 0, target / self.current_target, 1.0)
             acceptance = dr.minimum(ratio, 1.0)
@@ -253,7 +253,18 @@ class MarkovChains:
 
     def _independent(self, batch: int) -> tuple[list[Splat], mi.UInt32]:
         """Return the splats and seeds of one batch of independent paths."""
-        return independent_paths(self.sampler, self.lane, key(self.settings.seed, 1, batch))
+        seed, _ = mi.sample_tea_32(self.lane, key(self.settings.seed, 1, batch), ROUNDS)
+        return self._proposed(Mutation.all_large(seed)), seed
+
+    def _proposed(self, mutation: Mutation) -> list[Splat]:
+        """Return the evaluated splats of proposals.
+
+        Whatever they are made of is in memory, so that all steps share kernels, the first too.
+        """
+        dr.make_opaque(mutation, self.memory, self.lane)
+        splats = self.sampler.evaluate(*self._streams(mutation))
+        dr.eval(splats)
+        return splats
 
     def _target(self, splats: list[Splat]) -> mi.Float:
         """Return F of the splats."""

@@ -35,7 +35,9 @@ class Reservoir:
             dr.select(replaces, item, self.item), dr.select(replaces, weight, self.weight), total
         )
 
-    def contribution_weight(self, represented: mi.Float | float = 1.0, draws: int = 1) -> mi.Float:
+    def contribution_weight(
+        self, represented: mi.Float | float = 1.0, draws: mi.Float | float = 1.0
+    ) -> mi.Float:
         """Return W, how many items the drawn one stands for; 0 where there is none.
 
         By itself it stands for ``represented`` ones; ``draws`` reservoirs of the same items share.

@@ -8,7 +8,7 @@ to be stored for Metropolis (``render.sampling.proposals``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -52,6 +52,10 @@ class Stream(Protocol):
         """Return the streams of the lanes ``lane``."""
         ...
 
+    def unless(self, there: mi.Bool, other: Any) -> Stream:
+        """Return these streams, but ``other`` ones of the same kind where ``there``."""
+        ...
+
 
 @dataclass
 class HashedStream:
@@ -66,3 +70,7 @@ class HashedStream:
     def of_lanes(self, lane: mi.UInt32) -> HashedStream:
         """Return the streams of the lanes ``lane``."""
         return HashedStream(dr.gather(mi.UInt32, self.seed, lane))
+
+    def unless(self, there: mi.Bool, other: HashedStream) -> HashedStream:
+        """Return these streams, but ``other`` ones where ``there``."""
+        return HashedStream(dr.select(there, other.seed, self.seed))

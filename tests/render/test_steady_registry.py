@@ -41,7 +41,7 @@ RENDERED = """
 calls = 0
 def entered(frame, event, _):
     global calls
-    if event == "call" and frame.f_code.co_name == "trace_light_subpath":
+    if event == "call" and frame.f_code.co_name == "trace_segment":
         calls += 1
         gc.collect()
 sys.setprofile(entered)

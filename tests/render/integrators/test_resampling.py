@@ -16,7 +16,7 @@ from render.integrators.resampling import (
     mirrored_proxy_weight,
     proxy_weight,
 )
-from render.integrators.subpaths import CameraVertex, LightVertex
+from render.integrators.subpaths import SubpathVertex
 from render.paths.vertex import scattering_value
 
 COUNT = 1 << 12
@@ -34,7 +34,7 @@ def directions(mono: ModuleType, seed: int) -> Any:
 
 
 def light(mono: ModuleType, p: Any, **fields: Any) -> LightProxies:
-    record = LightVertex.none()
+    record = SubpathVertex.none()
     record.vertex.p, record.vertex.wi = p, directions(mono, 3)
     record.vertex.beta = mono.Spectrum(2.0)
     for name, value in fields.items():
@@ -43,7 +43,7 @@ def light(mono: ModuleType, p: Any, **fields: Any) -> LightProxies:
 
 
 def camera(mono: ModuleType, p: Any, **fields: Any) -> CameraProxy:
-    kept = CameraVertex.none()
+    kept = SubpathVertex.none()
     kept.vertex.p, kept.vertex.wi, kept.vertex.weight = p, directions(mono, 4), mono.Float(1.0)
     for name, value in fields.items():
         setattr(kept.vertex, name, value)
@@ -79,7 +79,7 @@ def test_power_and_the_square_of_the_distance_count_between_surfaces(mono: Modul
 
 
 def test_nothing_is_seen_of_a_light_subpath_that_left_no_vertex(mono: ModuleType) -> None:
-    record = LightVertex.none()
+    record = SubpathVertex.none()
     record.vertex.beta = dr.full(mono.Spectrum, 2.0, COUNT)
     y = LightProxies.of(record, mono.Float(0.0))
     found = np.array(proxy_weight(y, camera(mono, points(mono, 2, 1.0))))
@@ -99,7 +99,7 @@ def test_a_proxy_weight_over_mirrors_is_positive_and_finite_wherever_the_vertice
 
 def test_light_that_goes_on_towards_the_mirror_image_counts_most(mono: ModuleType) -> None:
     # Light that flies up to the origin, below a mirror: the image of the end is above it.
-    record = LightVertex.none()
+    record = SubpathVertex.none()
     record.vertex.p, record.vertex.wi = mono.Point3f(0.0), mono.Vector3f(0, 0, -1)
     record.vertex.beta, record.vertex.volume = mono.Spectrum(2.0), mono.Bool(True)
     y = LightProxies.of(record, mono.Float(1.0))
@@ -134,7 +134,7 @@ def test_proxy_weights_know_where_a_rough_boundary_reflects_and_refracts(
     mono: ModuleType, from_outside: bool, cosine: float
 ) -> None:
     _, fields = rough_glass(mono, from_outside, cosine)
-    record = LightVertex.none()
+    record = SubpathVertex.none()
     for name, value in fields.items():
         setattr(record.vertex, name, value)
     record.vertex.beta = mono.Spectrum(2.0)

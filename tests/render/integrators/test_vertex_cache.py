@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from render.integrators.resampling import LightProxies, PackedProxies
-from render.integrators.subpaths import LightVertex
+from render.integrators.subpaths import SubpathVertex
 from render.integrators.vertex_cache import (
     NEIGHBOR_WINDOW,
     LaneGroups,
@@ -50,7 +50,8 @@ def test_each_group_has_one_film_position_per_stratum(
     numbers = [
         mono.Float(np.random.default_rng(i).random(lanes).astype(np.float32)) for i in range(2)
     ]
-    place = LaneGroups(lanes, groups, PATHS).film_positions(numbers, 8)
+    lane_groups = LaneGroups(lanes, groups, PATHS)
+    place = lane_groups.film_positions(lane_groups.lane, numbers, 8)
     x, y = (np.array(c, dtype=np.float64) for c in (place.x, place.y))
     along = (np.floor(y * 8) + x) / 8
     for group in range(groups):
@@ -60,7 +61,7 @@ def test_each_group_has_one_film_position_per_stratum(
 
 
 def scattered(mono: ModuleType, points: np.ndarray, power: np.ndarray) -> LightProxies:
-    record = LightVertex.none()
+    record = SubpathVertex.none()
     record.vertex.p = mono.Point3f(points.astype(np.float32))
     record.vertex.wi = dr.zeros(mono.Vector3f, points.shape[1])
     record.vertex.beta = mono.Spectrum(1.0)
@@ -72,7 +73,9 @@ def nearby(mono: ModuleType, points: np.ndarray, power: np.ndarray) -> MortonNei
     at = np.random.default_rng(2).standard_normal((3, LANES))
     lane_groups = LaneGroups(LANES, GROUPS, NEAR_PATHS)
     return MortonNeighbors(
-        scattered(mono, points, power), lane_groups, mono.Point3f(at.astype(np.float32))
+        PackedProxies(scattered(mono, points, power)),
+        lane_groups,
+        mono.Point3f(at.astype(np.float32)),
     )
 
 
@@ -98,9 +101,7 @@ def test_what_is_drawn_nearby_represents_what_is_left_out_elsewhere(
     found, members = [], LANES // GROUPS
     for _ in range(64):
         number = mono.Float(rng.random(LANES).astype(np.float32))
-        _, place, represented = near.sample(number, DRAWS)
-        index = np.array(near.index(dr.clip(place, 0, 2 * LANES - 1)))
-        weight = np.array(represented)
+        index, weight = (np.array(drawn) for drawn in near.sample(number, DRAWS))
         assert (index[weight > 0] % LANES % GROUPS == group[weight > 0]).all()
         found.append((value[index] * weight)[lanes].sum() * DRAWS * members / NEAR_PATHS)
     error = np.std(found, ddof=1) / np.sqrt(len(found))
@@ -114,16 +115,15 @@ def test_the_nearest_in_order_are_near_in_space(mono: ModuleType) -> None:
     near = nearby(mono, points, np.ones(2 * LANES))
     at = np.random.default_rng(2).standard_normal((3, LANES))
     number = mono.Float(rng.random(LANES).astype(np.float32))
-    y, _, represented = near.sample(number, DRAWS)
-    there = np.array(represented) > 0
-    distance = np.linalg.norm(np.array(y.p) - at, axis=0)[there]
+    index, weight = (np.array(drawn) for drawn in near.sample(number, DRAWS))
+    distance = np.linalg.norm(points[:, index] - at, axis=0)[weight > 0]
     other = np.linalg.norm(points[:, :LANES] - at, axis=0)
     assert np.median(distance) < 0.5 * np.median(other)
 
 
 def test_where_no_light_subpath_left_a_vertex_nothing_is_near(mono: ModuleType) -> None:
     near = nearby(mono, np.zeros((3, 2 * LANES)), np.zeros(2 * LANES))
-    _, _, represented = near.sample(dr.full(mono.Float, 0.5, LANES), DRAWS)
+    _, represented = near.sample(dr.full(mono.Float, 0.5, LANES), DRAWS)
     assert (np.array(represented) == 0).all()
 
 
@@ -145,7 +145,7 @@ def test_packed_proxies_are_the_proxies_bit_for_bit(mono: ModuleType) -> None:
 
 def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) -> None:
     rng = np.random.default_rng(2)
-    vertices, count = LightVertex.none(), 50
+    vertices, count = SubpathVertex.none(), 50
 
     def numbers(*shape: int) -> np.ndarray:
         return (rng.normal(size=(*shape, count)) * 1e20).astype(np.float32)
@@ -166,8 +166,8 @@ def test_packed_light_vertices_are_the_vertices_bit_for_bit(mono: ModuleType) ->
     vertices.edges = mono.UInt32(rng.integers(0, 1 << 32, count, dtype=np.uint32))
     active = flags()
     index = mono.UInt32(np.arange(count)[::-1].copy())
-    expected = dr.gather(LightVertex, vertices, index, active)
-    found = PackedRecords(vertices).gather(index, active)
+    expected = dr.gather(SubpathVertex, vertices, index, active)
+    found = PackedRecords.of(vertices).gather(index, active)
     for name, value in vars(expected.vertex).items():
         other = getattr(found.vertex, name)
         pairs = [(value, other)]
