@@ -28,9 +28,9 @@ from render.sampling.streams import ROUNDS, HashedStream, key
 Numbered: TypeAlias = "NDArray[np.int64]"
 """Which place or bin each photon or slot is of."""
 
-PHOTONS, PHOTONS_OF_LAMP = 1 << 20, 1 << 18
+PHOTONS, PHOTONS_OF_LAMP = 1 << 19, 1 << 17
 """Photons in all, and of one lamp at most: a second of a core for a quarter of a million."""
-LEAST_PHOTONS = 1 << 15
+LEAST_PHOTONS = 1 << 14
 """Photons of one lamp at least, however many there are."""
 EVENTS = 24
 """Faces that a photon may pass."""
@@ -43,7 +43,7 @@ HEIGHTS, AZIMUTHS = 32, 64
 BINS = HEIGHTS * AZIMUTHS
 SLOTS = 512
 """Of equal probability, by which bins are drawn."""
-AROUND = 32.0
+AROUND = 256.0
 """Photons of a place that all of its cube together, seen from there, count as."""
 BESIDE = 0.01
 """Photons that a bin counts for each bin about it where one came: what shows a lamp moves from

@@ -8,6 +8,7 @@ and all facets of the site, so errors of facets of one site are correlated; thos
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -17,17 +18,20 @@ import numpy as np
 from render.arrays import Array
 from render.cells.arriving_light import ArrivingLight
 from render.cells.bent_images import BentImages
-from render.cells.bonded_images import BondedImages
 from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
-from render.cells.guiding import FacetGuiding, FiberGlow
-from render.cells.lamp_aim import LampAim
-from render.cells.lamp_connections import AimedSubpaths, Lamp
+from render.cells.guiding import (
+    GUIDED_FRACTION,
+    SEEN_GUIDED_FRACTION,
+    Directions,
+    FacetGuiding,
+    FiberGlow,
+)
+from render.cells.lamp_connections import Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages, mirror_faces
-from render.cells.repeated_images import RepeatedImages, repeating_axes
 from render.cells.sample_shares import SLOTS, near_slots
 from render.geometry import (
     LOWER,
@@ -39,7 +43,7 @@ from render.geometry import (
     flat_fiber_poses,
     half_view,
 )
-from render.optics.pad_scene import pad_scene, scattering_medium
+from render.optics.pad_scene import pad_scene
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -64,12 +68,11 @@ CLEAR_ROUGHNESS = 0.05
 NODES = 8
 """Direction nodes come in multiples of it: each number of them is a kernel of its own, which takes
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
-AIMED_MAX, AIMED_MIN = 0.8, 0.1
-"""What of the guided directions is aimed at the lamp itself, on clear pads and on milky ones."""
-THIN_DEPTH = 1.0
-"""Optical depth up to which directions are learned from photons behind a layer."""
-AIMED_LEARNED = 0.3
-"""The same where the others go by what photons say, at most."""
+LEARNED_MIN = 0.05
+"""Least part of the guided directions that goes where photons came from.
+
+Without a layer all of them do, and less as it hides the lamps. Behind thicker ones none.
+"""
 
 
 def diffuser_depths(scene: Scene) -> Array:
@@ -164,37 +167,32 @@ class PadSampler:
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
         bonded = scene.window_refracts
+        # Camera subpaths find what is on surfaces, but end in no volume.
+        layer = scene.diffuser
+        scatters = layer is not None and layer.sigma_s > 0.0
         self.images: MirrorImages | None = None
-        if bonded:
-            self.images = BondedImages(scene)
-        elif mirrors.any():
+        if scatters and mirrors.any() and not bonded:
             if self.mirror.curved:
                 self.images = BentImages(scene, bend, indented)
             else:
-                repeats = any(repeating_axes(scene))
-                self.images = RepeatedImages(scene) if repeats else BoxImages(scene)
-        # Over a lower face without exact images directions are drawn near the mirror image.
-        # No such lobe passes a bond that refracts.
-        self.glossy = None if bonded or (self.images and mirrors[LOWER]) else self.mirror
-        # Over smooth faces no light vertex is connected: camera subpaths find those in volumes.
-        self.passable = bool(mirrors.any() and self.mirror.curved and scene.diffuser is not None)
-        # Light from within the pad is straight but for what the lower face reflects.
-        passed = [LOWER if lamp.solid else lamp.face for lamp in scene.placed_lamps()]
-        self.sharp = bool(mirrors[passed].any())
+                self.images = BoxImages(scene)
+        # No lobe about a mirror image passes a bond that refracts, or is as narrow as a mirror.
+        self.glossy = None if bonded or mirrors[LOWER] else self.mirror
+        # Over images that are not known camera subpaths find vertices in volumes.
+        unknown = bonded or (mirrors.any() and self.mirror.curved)
+        self.passable = bool(unknown and scatters)
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
-        self.aim = LampAim(scene, bend, self.mirror) if self.seen else None
-        depths = diffuser_depths(scene)
-        aimed = max(AIMED_MIN, AIMED_MAX * float(np.exp(-depths.min())))
-        # Behind a layer that scatters most light the glow is the surer guide.
-        clear = scattering_medium(scene) is None or bool(depths.max() < THIN_DEPTH)
-        self.glow: FiberGlow | ArrivingLight
-        if self.aim and clear and self.mirror.curved:
-            self.glow = ArrivingLight(self.pad, self.light, scene.lamp_count)
-            aimed = min(aimed, AIMED_LEARNED)
-        else:
-            self.glow = FiberGlow(scene, bend)
-        self.aimed_fraction = dr.opaque(mi.Float, aimed)
+        learned = math.exp(-diffuser_depths(scene).min()) if self.seen else 0.0
+        learned = learned if learned >= LEARNED_MIN else 0.0
+        self.ways: list[Directions] = []
+        if learned > 0.0:
+            self.ways.append(ArrivingLight(self.pad, self.light, scene.lamp_count))
+        if learned < 1.0:
+            self.ways.append(FiberGlow(scene, bend))
+        shares = [share for share in (learned, 1.0 - learned) if share > 0.0]
+        self.shares = [dr.opaque(mi.Float, share) for share in shares]
+        self.guided = SEEN_GUIDED_FRACTION if self.seen else GUIDED_FRACTION
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
         self.stride = CAMERA_STRIDE
         if bonded:
@@ -202,7 +200,7 @@ class PadSampler:
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
-        return FacetGuiding(self.glow, fiber, self.aim, self.aimed_fraction)
+        return FacetGuiding(self.ways, self.shares, self.guided, fiber)
 
     def lamp(self, fiber: mi.UInt32) -> Lamp | None:
         """Return the lamps of ``fiber`` where camera subpaths look for them."""
@@ -210,22 +208,15 @@ class PadSampler:
             return None
         return Lamp(self.light, fiber, self.scene.pad.index == 1.0)
 
-    def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
-        """Return the subpaths that find lamps behind smooth faces."""
-        if self.mirror.curved or lamp is None or self.aim is None or not self.sharp:
-            return None
-        return AimedSubpaths(lamp, self.aim, guiding)
-
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
         first: mi.UInt32, fiber: mi.UInt32,
     ) -> FacetSubpath:  # fmt: skip
         """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
         o, d = pixel_rays(self.scene, column, row, *size)
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return trace_facet_subpath(
-            self.pad, o, d, stream, first, guiding, self.glossy, self.images, lamp,
-            self.aimed(guiding, lamp), self.events, self.passable,
+            self.pad, o, d, stream, first, self.guiding(fiber), self.glossy, self.images,
+            self.lamp(fiber), self.events, self.passable,
         )  # fmt: skip
 
     def radiance(
@@ -233,10 +224,9 @@ class PadSampler:
         offset: mi.UInt32, fiber: mi.UInt32,
     ) -> list[mi.Float]:  # fmt: skip
         """Return, per direction node, what a camera subpath finds; `radiance_per_node` says how."""
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return radiance_per_node(
-            self.pad, vertices, lane, subpath, stream, offset, guiding, self.glossy, self.images,
-            lamp, self.aimed(guiding, lamp), self.lobed,
+            self.pad, vertices, lane, subpath, stream, offset, self.guiding(fiber), self.glossy,
+            self.images, self.lamp(fiber), self.lobed,
         )  # fmt: skip
 
     def light_vertices(

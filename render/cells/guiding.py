@@ -6,26 +6,25 @@ direction rarely finds that spot, so half of the directions at the facet are aim
 point of the diffuser's inner face, or of its mirror image below the pad. The mixture density
 enters the MIS weights like any other, so a poor aim on a strongly bent pad costs time, not truth.
 
-On bent pads that are clear, or have a thin layer, directions are drawn from what photons say
-instead (``render.cells.arriving_light``).
+Where lamps are seen, through a thin layer or none, directions are drawn from what photons say
+instead (``render.cells.arriving_light``), or besides.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.arriving_light import ArrivingLight
-from render.cells.lamp_aim import LampAim
 from render.geometry import fiber_poses, flat_fiber_poses
 from render.paths.vertex import Vertex
 from render.scene import Scene
 
-GUIDED_FRACTION, AIMED_GUIDED_FRACTION = 0.5, 0.8
-"""Probability of guided directions, without and with an aim; the rest follow the coating's BSDF."""
+GUIDED_FRACTION, SEEN_GUIDED_FRACTION = 0.5, 0.8
+"""Probability of guided directions, of hidden lamps and of seen ones; others follow the BSDF."""
 LOGISTIC_SCALE = 1.0
 """Scale (mm) of the logistic distribution along the edge; its standard deviation is 1.8 mm."""
 
@@ -73,23 +72,30 @@ class FiberGlow:
         return dr.select(hit, area * dr.square(distance) / cosine, 0.0)
 
 
+class Directions(Protocol):
+    """Directions in which a lamp's light may come to a vertex of the coating."""
+
+    def sample(
+        self, fiber: mi.UInt32, v: Vertex, pick: mi.Float, x: mi.Float, y: mi.Float
+    ) -> mi.Vector3f:
+        """Return directions from ``v``, for three uniform numbers."""
+
+    def density(self, fiber: mi.UInt32, v: Vertex, direction: mi.Vector3f) -> mi.Float:
+        """Return the density per solid angle with which ``sample`` finds ``direction``."""
+
+
 @dataclass
 class FacetGuiding:
-    """The glow of each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet.
+    """Directions to each lane's fiber as ``render.paths.walk.GuidingDistribution`` of the facet.
 
-    With an ``aim``, ``aimed`` of the guided directions go to the lamp itself, the others to the
-    ``glow``, or to where photons arrive from.
+    ``fraction`` is the probability of guided directions, ``shares`` how they are divided among
+    ``ways``.
     """
 
-    glow: FiberGlow | ArrivingLight
+    ways: list[Directions]
+    shares: list[mi.Float]
+    fraction: float
     fiber: mi.UInt32
-    aim: LampAim | None = None
-    aimed: mi.Float | None = None
-
-    @property
-    def fraction(self) -> float:
-        """Probability of guided directions."""
-        return GUIDED_FRACTION if self.aim is None else AIMED_GUIDED_FRACTION
 
     def applies(self, v: Vertex) -> mi.Bool:
         """Return whether ``v`` is on the coating, and not the end of the subpath."""
@@ -105,19 +111,19 @@ class FacetGuiding:
         return dr.select(self.applies(v), rest, number)
 
     def sample(self, v: Vertex, number: mi.Float, x: mi.Float, y: mi.Float) -> mi.Vector3f:
-        """Return a direction towards the fiber's glow, or the lamp, for a ``number`` selected."""
-        part = number / self.fraction
-        if self.aim is None or self.aimed is None:
-            return self.glow.sample(self.fiber, v, part, x, y)
-        aimed = self.aim.sample(self.fiber, v.p, part / self.aimed, x, y)
-        rest = dr.maximum(part - self.aimed, 0.0) / (1.0 - self.aimed)
-        glow = self.glow.sample(self.fiber, v, rest, x, y)
-        return dr.select(part < self.aimed, aimed, glow)
+        """Return a direction from where the fiber's light comes, for a ``number`` selected."""
+        pick = number / self.fraction
+        direction = self.ways[0].sample(self.fiber, v, pick / self.shares[0], x, y)
+        begin = self.shares[0]
+        for way, share in zip(self.ways[1:], self.shares[1:], strict=True):
+            within = dr.maximum(pick - begin, 0.0) / share
+            direction = dr.select(pick >= begin, way.sample(self.fiber, v, within, x, y), direction)
+            begin = begin + share
+        return direction
 
     def mixture_pdf(self, v: Vertex, direction: mi.Vector3f, pdf: mi.Float) -> mi.Float:
         """Return the density of the mixture of BSDF sampling (``pdf``) and guiding."""
-        guided = self.glow.density(self.fiber, v, direction)
-        if self.aim is not None and self.aimed is not None:
-            aimed = self.aim.density(self.fiber, v.p, direction)
-            guided = (1.0 - self.aimed) * guided + self.aimed * aimed
-        return (1.0 - self.fraction) * pdf + self.fraction * guided
+        total = (1.0 - self.fraction) * pdf
+        for way, share in zip(self.ways, self.shares, strict=True):
+            total += self.fraction * share * way.density(self.fiber, v, direction)
+        return total

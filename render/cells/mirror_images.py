@@ -1,8 +1,8 @@
 """Connections over the smooth faces of a pad, by the image method.
 
 Where faces of a pad are smooth or metal, light from a vertex ``y`` reaches the coating over the
-lower face, over a wall, or over several of them, on the straight line to an image of ``y``. No
-random direction finds a mirror image that is exact; this connects to one of them, drawn in
+lower face, over a wall, or over several of them, on the straight line to an image of ``y``. What a
+layer scatters there no camera subpath finds; this connects to one of the images, drawn in
 proportion to what it may send. Ways that have no image are left to camera subpaths, which reflect
 by chance and compete in the balance heuristic for the others as well.
 
@@ -92,10 +92,8 @@ class MirrorImages(ABC):
     """
 
     sizes: tuple[int, ...]
-    first: int = 1
-    """The first image that is drawn: 0, without mirrors, is mostly a straight connection."""
     repeated: int = 0
-    """Events of numbers that `draw` takes for images over facing mirrors (``RepeatedImages``)."""
+    """Events of numbers that `draw` takes for images over mirrors that face each other."""
     index: mi.Float
     metal: mi.Float | None
     """What the metal of each plane reflects, by its number; -1 without. None: there is no metal."""
@@ -143,26 +141,12 @@ class MirrorImages(ABC):
     def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
         """Return the number of the plane that an image over one mirror takes."""
 
-    def arriving(self, image: mi.UInt32, direction: mi.Vector3f, _p: mi.Point3f) -> mi.Vector3f:
-        """Return how a line to the image of ``p`` arrives at ``p`` that begins by ``direction``."""
-        return self.folded(image, direction)
-
-    def reaches(self, image: mi.UInt32, _p: mi.Point3f) -> mi.Bool:
-        """Return whether ``p`` is connected over the mirrors of ``image``, and not straight."""
-        return image > 0
-
-    def square_of_index(self, _p: mi.Point3f) -> mi.Float:
-        """Return the squared index at ``p`` over that at the facet."""
-        return mi.Float(1.0)
-
-    def follow(
-        self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, _y: Vertex, going: mi.Bool
-    ) -> FoldedLine:
-        """Follow a line to ``y`` along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
+    def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
+        """Follow a line along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
         mirror = self._mirror(b)
         rest = self._without(left, mirror)
         meets = going & (mirror > 0) & (rest < self.count)
-        reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d), self.index_at(b.p))
+        reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d))
         return FoldedLine(
             meets, meets & (rest > 0), rest, self.folded(mirror, d), reflected, chosen
         )
@@ -171,36 +155,24 @@ class MirrorImages(ABC):
         """Return ``chain`` with the mirror at ``v``, at which a camera subpath arrived by ``d``."""
         mirror = self._mirror(v)
         fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
-        _, chosen = self.met_at(self._plane(mirror), dr.dot(v.n, d), self.index_at(v.p))
+        _, chosen = self.met_at(self._plane(mirror), dr.dot(v.n, d))
         chance = chain.chance * chosen
         return ImageChain(chain.image + mirror, fits, chance, chain.depth, chain.d_vcm)
 
-    def broken(self, _v: Vertex, refracted: mi.Bool) -> mi.Bool:
-        """Return whether a chain ends at ``v``, where it was ``refracted`` or not."""
-        return refracted
-
-    def index_at(self, _p: mi.Point3f) -> mi.Float:
-        """Return the index on the inner side of a face at ``p``."""
-        return self.index
-
-    def reflectance(
-        self, plane: mi.UInt32, cosine: mi.Float, index: mi.Float | None = None
-    ) -> mi.Float:
-        """Return what a plane reflects; ``cosine`` is that of incidence, in ``index`` (the pad)."""
-        reflected = mi.fresnel(-dr.abs(cosine), self.index if index is None else index)[0]
+    def reflectance(self, plane: mi.UInt32, cosine: mi.Float) -> mi.Float:
+        """Return what a plane reflects in the pad; ``cosine`` is that of incidence."""
+        reflected = mi.fresnel(-dr.abs(cosine), self.index)[0]
         if self.metal is None:
             return reflected
         metal = dr.gather(mi.Float, self.metal, plane)
         return dr.select(metal < 0, reflected, metal)
 
-    def met_at(
-        self, plane: mi.UInt32, cosine: mi.Float, index: mi.Float | None = None
-    ) -> tuple[mi.Float, mi.Float]:
+    def met_at(self, plane: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Return what a mirror reflects, and the chance that a path is reflected.
 
         It is reflected by chance where it could leave the pad, and always by metal.
         """
-        reflected = self.reflectance(plane, cosine, index)
+        reflected = self.reflectance(plane, cosine)
         if self.metal is None:
             return reflected, reflected
         metal = dr.gather(mi.Float, self.metal, plane) >= 0
@@ -252,7 +224,7 @@ class MirrorImages(ABC):
         active = active & (y.weight > 0) & (a.weight > 0)
         image, probability = self.draw(a, y, number, candidates)
         direction, spread = self.line(image, a.p, y.p)
-        w = -self.arriving(image, direction, y.p)
+        w = -self.folded(image, direction)
         f_a, p_a, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
         p_a = guided_pdf(guiding, a, direction, p_a)
         f_y, _, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
@@ -264,7 +236,7 @@ class MirrorImages(ABC):
         going = mi.Bool(active)
         while going:
             b, further, hit = trace_to_surface(scene, here, d, going)
-            line = self.follow(b, d, left, y, going & hit)
+            line = self.follow(b, d, left, going & hit)
             meets = line.meets
             active = active & (~going | meets)
             reflectance *= dr.select(meets, line.reflected, 1.0)
@@ -279,9 +251,7 @@ class MirrorImages(ABC):
         # --------------------- Balance heuristic --------------------------------------
         camera_y = density_at(y, w, p_a * chance, transmittance, active) / spread
         strategies = probability + camera_y * strategies_before(y, r_y, returning)
-        # Spread for light that goes the other way.
         value = y.beta * f_y * f_a * a.beta * transmittance * reflectance / spread
-        value /= self.square_of_index(y.p)
         value *= y.weight * a.weight / strategies
         return dr.select(active & clear, value, 0.0)
 
@@ -294,7 +264,7 @@ class MirrorImages(ABC):
         The latter is the ratio of image connections to the facet over what the camera subpath
         does, where there are any: 0 otherwise. ``connected``: light subpaths connect ``v``.
         """
-        useful = chain.open & connected & self.reaches(chain.image, v.p)
+        useful = chain.open & connected & (chain.image > 0)
         probability = mi.Float(0.0)
         if useful:
             probability = self.probability(chain.image, facet, v)

@@ -20,8 +20,8 @@ import mitsuba as mi
 import numpy as np
 
 from render.arrays import Array
-from render.cells.bond_optics import WindowBond
 from render.cells.cell_sampler import TargetPixels, Targets, pixel_rays
+from render.cells.clear.bond_optics import WindowBond
 from render.cells.clear.bonded_ways import BondedWays
 from render.cells.clear.lamp_spots import LampSpots, Spots, survival_of
 from render.cells.clear.lamp_ways import LampLine, LampWays, wrapped

@@ -26,7 +26,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.bond_optics import reflected_by_walls, way_through_bond
+from render.cells.clear.bond_optics import reflected_by_walls, way_through_bond
 from render.cells.clear.lamp_ways import BEHIND, LampWays
 from render.cells.clear.pad_surfaces import (
     BOND_MET,

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.cells.clear.crossings import face_crossing
 from render.cells.clear.pad_surfaces import NO_TURN
 from render.cells.clear.unfolded_cells import (
     CELL_MAX,
@@ -36,7 +37,6 @@ from render.cells.clear.unfolded_cells import (
 )
 from render.cells.clear.way_draws import WayDraws
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
-from render.cells.lamp_aim import face_crossing
 from render.geometry import fiber_poses
 from render.scene import Scene
 

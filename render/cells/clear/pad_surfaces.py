@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.cells.bond_optics import WindowBond, through_bond
+from render.cells.clear.bond_optics import WindowBond, through_bond
 
 DIFFUSE, DIELECTRIC, METAL, BOND = range(4)
 BOND_PASSED, LOWER_MET, BOND_MET, FROM_WINDOW = 1, 3, 9, 1 << 16

@@ -51,17 +51,17 @@ def test_where_no_photon_came_all_directions_are_alike(mono: ModuleType, cells: 
     v = on_facet(mono, 0, 0)
     v.p = v.p + 1000.0
     check_density(mono, cells, 0, v)
-    density = cells.glow.density(mono.UInt32(0), v, mono.Vector3f(0.6, 0.0, 0.8))
+    density = cells.ways[0].density(mono.UInt32(0), v, mono.Vector3f(0.6, 0.0, 0.8))
     assert np.array(density) == pytest.approx(1 / (4 * np.pi))
 
 
 def check_density(mono: ModuleType, cells: Any, fiber: int, v: Any) -> None:
     fibers = dr.full(mono.UInt32, fiber, COUNT)
     pick, x, y = numbers(mono, 1)
-    drawn = cells.glow.sample(fibers, v, pick, x, y)
+    drawn = cells.ways[0].sample(fibers, v, pick, x, y)
     anywhere = mono.warp.square_to_uniform_sphere(mono.Point2f(x, y))
-    weight = 4 * np.pi * np.array(cells.glow.density(fibers, v, anywhere), dtype=np.float64)
-    stated = np.array(cells.glow.density(fibers, v, drawn), dtype=np.float64)
+    weight = 4 * np.pi * np.array(cells.ways[0].density(fibers, v, anywhere), dtype=np.float64)
+    stated = np.array(cells.ways[0].density(fibers, v, drawn), dtype=np.float64)
     drawn, anywhere = np.array(drawn).T, np.array(anywhere).T
     np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0, atol=1e-5)
     # Those between two bins may be in either by rounding.
@@ -102,8 +102,8 @@ def test_they_change_the_noise_of_a_smooth_bent_pad_and_not_its_light(
     from render.cells.guiding import FiberGlow
 
     levels, errors = [], []
-    for glow in (cells.glow, FiberGlow(SCENE, BEND)):
-        monkeypatch.setattr(cells, "glow", glow)
+    for ways in (cells.ways, [FiberGlow(SCENE, BEND)]):
+        monkeypatch.setattr(cells, "ways", ways)
         run = MonteCarlo(cells, 1 << 14, 16, 1)
         run.sample(12)
         found = run.estimate()[..., 0]

@@ -15,6 +15,7 @@ from render.cells.bent_images import BentImages
 from render.geometry.meshes import pad_grid
 from render.paths.vertex import Vertex, empty_vertex
 from tests.oracles.pads import scene_of_case
+from tests.render.cells.test_box_images import straight_to_the_glow
 
 BEND = np.pi / 4
 SCENE = scene_of_case("smooth bent 45")
@@ -82,7 +83,6 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
 def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
     mono: ModuleType, images: BentImages
 ) -> None:
-    from render.cells.guiding import FacetGuiding, FiberGlow
     from render.optics.pad_scene import pad_scene
 
     pad: Any = pad_scene(SCENE, BEND, False)
@@ -93,7 +93,7 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
         v.bsdf = mono.BSDFPtr(bsdf)
         v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
-    guiding = FacetGuiding(FiberGlow(SCENE, BEND), dr.zeros(mono.UInt32, count))
+    guiding = straight_to_the_glow(mono, SCENE, count, BEND)
     found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
     values = np.array(found, dtype=np.float64).ravel()
 
@@ -143,7 +143,6 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
 
 def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: ModuleType) -> None:
     """Where nothing else competes and both are as likely as each other, each counts half."""
-    from render.cells.guiding import FacetGuiding, FiberGlow
     from render.cells.mirror_images import ImageChain
     from render.optics.pad_scene import pad_scene
     from render.paths.connect import optical_depth, trace_to_surface
@@ -165,7 +164,7 @@ def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: 
     number = mono.Float(np.random.default_rng(5).random(count).astype(np.float32))
     image, _ = images.draw(a, y, number)
     active = (image > 0) & (image % images.sizes[0] == 0)  # over one strip alone
-    guiding = FacetGuiding(FiberGlow(scene, BEND), dr.zeros(mono.UInt32, count))
+    guiding = straight_to_the_glow(mono, scene, count, BEND)
     # ------------------------ The camera subpath: to the strip, and on to y -----------------
     direction = dr.normalize(images.point(image, y.p) - a.p)
     b, depth, hit = trace_to_surface(pad, a, direction, active)

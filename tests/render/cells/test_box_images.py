@@ -10,37 +10,34 @@ import numpy as np
 import pytest
 
 from render.cells.box_images import BoxImages
-from render.cells.guiding import FacetGuiding, FiberGlow
+from render.cells.guiding import GUIDED_FRACTION, FacetGuiding, FiberGlow
 from render.optics.pad_scene import pad_scene
 from render.paths.vertex import Vertex, empty_vertex
 from render.scene import Scene
 from tests.oracles.pads import scene_of_case
 
-DOWN = (0.0, 0.0, -1.0)
 
-
-def on_coating(
-    mono: ModuleType, place: list[float], count: int = 1, n: tuple[float, float, float] = DOWN
-) -> Vertex:
+def on_coating(mono: ModuleType, place: list[float], count: int = 1) -> Vertex:
     v = empty_vertex()
     v.p = mono.Point3f(*[mono.Float([c] * count) for c in place])
-    v.n = mono.Normal3f(*n)
+    v.n = mono.Normal3f(0.0, 0.0, -1.0)
     v.diffuse, v.weight = mono.Bool(True), mono.Float(1.0)
     return v
 
 
-def connected(
-    mono: ModuleType, scene: Scene, images: BoxImages, count: int, place: list[float] | None = None,
-    normal: tuple[float, float, float] = DOWN,
-) -> np.ndarray:  # fmt: skip
-    """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time.
+def straight_to_the_glow(
+    mono: ModuleType, scene: Scene, count: int, bend: float = 0.0
+) -> FacetGuiding:
+    one, fiber = mono.Float(1.0), dr.zeros(mono.UInt32, count)
+    return FacetGuiding([FiberGlow(scene, bend)], [one], GUIDED_FRACTION, fiber)
 
-    ``place`` and ``normal`` are those of paint in the place of `Y`.
-    """
+
+def connected(mono: ModuleType, scene: Scene, images: BoxImages, count: int) -> np.ndarray:
+    """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time."""
     pad: Any = pad_scene(scene, 0.0, False)
     # Pointers do not keep it alive.
     bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
-    a, y = on_coating(mono, A, count), on_coating(mono, place or Y, count, normal)
+    a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
     for v in (a, y):
         v.bsdf = mono.BSDFPtr(bsdf)
         v.frame = mono.Frame3f(mono.Vector3f(v.n))
@@ -48,7 +45,7 @@ def connected(
         v.beta = mono.Spectrum(1.0)
         v.shape = mono.ShapePtr(next(s for s in pad.shapes() if s.id() == "coating"))
     number = mono.Float(np.random.default_rng(4).random(count).astype(np.float32))
-    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
+    guiding = straight_to_the_glow(mono, scene, count)
     found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
     return np.array(found, dtype=np.float64).ravel()
 
@@ -66,7 +63,7 @@ def test_an_image_lies_behind_its_mirrors_and_twice_mirrored_is_the_point(
 ) -> None:
     p = mono.Point3f(*Y)
     # x over the wall at -10, y over none, z over the lower face.
-    image = mono.UInt32(1 + 3 * 0 + 9)
+    image = mono.UInt32(1 + images.sizes[0] * images.sizes[1])
     np.testing.assert_allclose(np.array(images.point(image, p)).ravel(), [-14.0, -3.0, -4.5])
     np.testing.assert_allclose(
         np.array(images.point(image, images.point(image, p))).ravel(), Y, atol=1e-5
@@ -83,7 +80,13 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     drawn, stated = np.array(drawn), np.array(stated)
     assert drawn.min() >= 1
     total = 0.0
-    for image in range(1, images.count):
+    for number in range(1, 18):
+        # Without a layer the near images are all.
+        image = (
+            number % 3
+            + number // 3 % 3 * images.sizes[0]
+            + number // 9 * images.sizes[0] * images.sizes[1]
+        )
         probability = float(
             dr.slice(
                 images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from render.arrays import Array
-from render.cells.repeated_images import RepeatedImages, repeating_axes
+from render.cells.box_images import BoxImages, repeating_axes
 from render.paths.vertex import empty_vertex
 from render.scene import Scene
 from tests.oracles.pads import content_of_case, scene_of_case
+from tests.render.cells.test_box_images import straight_to_the_glow
 
 A, Y = np.array([-7.0, 2.0, 4.3]), np.array([-11.2, -3.0, 3.7])
 """A tilted facet, and a place in the layer on the left; mm."""
@@ -50,7 +51,7 @@ def test_only_pads_that_scatter_between_mirrors_have_repeated_images(
 
 
 def test_an_image_of_order_k_lies_k_boxes_away(mono: ModuleType, scene: Scene) -> None:
-    images = RepeatedImages(scene)
+    images = BoxImages(scene)
     p = mono.Point3f(*Y.tolist())
     # Digits of orders 0, -1, 1, -2, 2; the box is 22 x 24 x 4.5 mm.
     for digit, x in enumerate((Y[0], -24.0 - Y[0], 20.0 - Y[0], Y[0] - 44.0, Y[0] + 44.0)):
@@ -97,7 +98,6 @@ def carried(scene: Scene, orders: tuple[int, ...]) -> float:
 
 
 def test_light_of_a_volume_comes_over_mirrors_of_all_orders(mono: ModuleType, scene: Scene) -> None:
-    from render.cells.guiding import FacetGuiding, FiberGlow
     from render.optics.pad_scene import pad_scene
 
     pad: Any = pad_scene(scene, 0.0, False)
@@ -118,13 +118,13 @@ def test_light_of_a_volume_comes_over_mirrors_of_all_orders(mono: ModuleType, sc
     )  # fmt: skip
     for v in (a, y):
         v.beta, v.weight = mono.Spectrum(1.0), mono.Float(1.0)
-    images = RepeatedImages(scene)
+    images = BoxImages(scene)
     rng = np.random.default_rng(5)
     number, *candidates = (
         [mono.Float(rng.random(count).astype(np.float32)) for _ in range(4)]
         for _ in range(1 + images.repeated)
     )
-    guiding = FacetGuiding(FiberGlow(scene, 0.0), dr.zeros(mono.UInt32, count))
+    guiding = straight_to_the_glow(mono, scene, count)
     active = dr.full(mono.Bool, True, count)
     found = images.connect(
         pad, y, a, number[0], active, guiding, candidates=[tuple(event) for event in candidates]

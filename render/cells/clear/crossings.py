@@ -1,10 +1,9 @@
-"""The way from a point of a pad to a lamp where a window of another index is bonded to the pad.
+"""Where the way from a point of a pad to a lamp crosses its face, and the bond of a window.
 
-Light is refracted at the bond and at the face before the lamp, in planes at right angles, so both
-crossings are unknown at once. By Fermat's principle they are those of the shortest optical path:
-the sum of three lengths, each times its index, is convex in the crossings, and Newton's method
-finds its minimum. How it moves with the lamp, which its second derivatives tell, is how large the
-lamp looks from the point.
+At one face Snell's law is an equation of one unknown. Over a bond light is refracted twice, in
+planes at right angles, so both crossings are unknown at once. By Fermat's principle they are those
+of the shortest optical path: the sum of three lengths, each times its index, is convex in the
+crossings, and Newton's method finds its minimum.
 """
 
 from __future__ import annotations
@@ -24,20 +23,25 @@ SHORTEST = 1e-3
 """mm that each part of a way has at least."""
 
 
-@dataclass
-class BondedWay:
-    """The way from a point to a lamp over the bond (a Dr.Jit PyTree).
+def face_crossing(
+    reach: mi.Float, inside: mi.Float, outside: mi.Float, index: mi.Float | float,
+    critical: mi.Float, steps: int,
+) -> mi.Float:  # fmt: skip
+    """Return how far from the foot of the perpendicular a line of Snell's law crosses a face.
 
-    Unit ``axis`` at the point, in the pad. The lamp's displacement by a length across the way turns
-    it by so much times ``wide`` along ``ahead``, by so much times ``narrow`` across it (rad per
-    mm). ``after`` is the length of the way outside (mm).
+    The distances (mm) of its ends from the face are ``inside`` and ``outside``, along it ``reach``;
+    ``critical`` is how far total reflection lets it go. Newton's method, from the paraxial ray.
     """
-
-    axis: mi.Vector3f
-    ahead: mi.Vector3f
-    wide: mi.Float
-    narrow: mi.Float
-    after: mi.Float
+    lateral = dr.minimum(reach * inside / (inside + index * outside), critical)
+    for _ in range(steps):
+        rest = reach - lateral
+        near = dr.rsqrt(dr.square(lateral) + dr.square(inside))
+        distant = dr.rsqrt(dr.square(rest) + dr.square(outside))
+        excess = index * lateral * near - rest * distant
+        slope_in = index * dr.square(inside) * near * near * near
+        slope_out = dr.square(outside) * distant * distant * distant
+        lateral = dr.clip(lateral - excess / (slope_in + slope_out), 0.0, reach)
+    return lateral
 
 
 @dataclass
@@ -73,7 +77,7 @@ def shortest_way(
     here = Crossings(bond, face, _length(a, bond, face, lamp, layer_index, index))
     step = mi.UInt32(0)
     while step < STEPS:
-        inverse, slope, _ = _derivatives(a, here, lamp, layer_index, index, (first, second))
+        inverse, slope = _derivatives(a, here, lamp, layer_index, index, (first, second))
         by = inverse @ slope
         over, along = mi.Vector3f(by[0], by[1], 0.0), by[2] * first + by[3] * second
         # Half way to the bond at most, where the second layer would end.
@@ -90,46 +94,6 @@ def shortest_way(
         here = best
         step += 1
     return here
-
-
-def way_over_bond(
-    seen: mi.Point3f, layer: mi.Float, layer_index: mi.Float, rises: mi.Bool, foot: mi.Vector3f,
-    inward: mi.Vector3f, lamp: mi.Vector3f, index: mi.Float, from_layer: mi.Bool,
-) -> BondedWay:  # fmt: skip
-    """Return the way from ``seen`` to a ``lamp``, with layers as of `shortest_way`.
-
-    The order of layers does not matter to where a way ends: ``from_layer`` says that the point is
-    in the first of them.
-    """
-    a = mi.Vector3f(seen)
-    here = shortest_way(a, layer, layer_index, rises, foot, inward, lamp, index)
-    first, second = mi.coordinate_system(inward)
-    # --------------------------- What the lamp's displacement does ----------------------------
-    inverse, _, outside = _derivatives(a, here, lamp, layer_index, index, (first, second))
-    u, before = _unit(here.bond - a)
-    v, between = _unit(here.face - here.bond)
-    t, after = _unit(lamp - here.face)
-    # A lamp in the silicone lies in its face.
-    t = dr.select(dr.squared_norm(t) > 0.5, t, -inward)
-    axis, length = dr.select(from_layer, u, v), dr.select(from_layer, before, between)
-    e, f = mi.coordinate_system(axis)
-    turned = []
-    for displaced in mi.coordinate_system(t):
-        pull = displaced * outside
-        moved = inverse @ mi.Vector4f(0.0, 0.0, dr.dot(pull, first), dr.dot(pull, second))
-        of_bond = mi.Vector3f(moved[0], moved[1], 0.0)
-        of_face = moved[2] * first + moved[3] * second
-        turn = dr.select(from_layer, of_bond, of_face - of_bond) / length
-        turned.append((dr.dot(turn, e), dr.dot(turn, f)))
-    # Half axes of the ellipse of directions that a round lamp has.
-    (p, q), (r, s) = turned
-    ee, ff, ef = p * p + r * r, q * q + s * s, p * q + r * s
-    mean, half = 0.5 * (ee + ff), 0.5 * (ee - ff)
-    spread = dr.hypot(half, ef)
-    angle = 0.5 * dr.atan2(ef, half)
-    sine, cosine = dr.sincos(angle)
-    narrow = dr.sqrt(dr.maximum(mean - spread, 0.0))
-    return BondedWay(axis, cosine * e + sine * f, dr.sqrt(mean + spread), narrow, after)
 
 
 def _unit(span: mi.Vector3f) -> tuple[mi.Vector3f, mi.Float]:
@@ -149,11 +113,10 @@ def _length(
 def _derivatives(
     a: mi.Vector3f, at: Crossings, lamp: mi.Vector3f, layer_index: mi.Float, index: mi.Float,
     in_face: tuple[mi.Vector3f, mi.Vector3f],
-) -> tuple[mi.Matrix4f, mi.Vector4f, mi.Float]:  # fmt: skip
+) -> tuple[mi.Matrix4f, mi.Vector4f]:  # fmt: skip
     """Return the inverse of the second derivatives of the optical length, and the first ones.
 
-    By x and y at the bond, then along both directions ``in_face``. The third value is the
-    curvature of the part outside (1 / mm).
+    By x and y at the bond, then along both directions ``in_face``.
     """
     u, before = _unit(at.bond - a)
     v, between = _unit(at.face - at.bond)
@@ -179,4 +142,4 @@ def _derivatives(
             else:
                 row.append(both + curved(outside, t, i, j))
         rows.append(row)
-    return dr.rcp(mi.Matrix4f(rows)), slope, outside
+    return dr.rcp(mi.Matrix4f(rows)), slope
