@@ -1,13 +1,12 @@
 """Directions from which the light of each lamp arrives at the coating, learned from photons.
 
-On a bent pad that is clear, or has a thin layer, light comes to a facet over the lower face, walls
-and ends in many orders. Where these are smooth no connection finds these ways, and no formula aims
-at all of them: a concave face shows a lamp several times. So photons are followed from each lamp to
-the coating, or to a wall that is painted white, and the directions in which they arrive there are
-counted, per lamp and *place*: a cube of space, and the way that the surface faces. Camera subpaths
-draw directions from these counts (path guiding, Vorba et al. 2014, by histograms). What they miss
-other directions find, with the density of all of them together in the MIS weights: counts cost
-time, not truth.
+Light comes to a facet through faces, over the lower one, walls and ends, in many orders. Where
+these are smooth no connection finds these ways, and no formula aims at all of them: a concave face
+shows a lamp several times. So photons are followed from each lamp to the coating, or to a wall that
+is painted white, and the directions in which they arrive there are counted, per lamp and *place*: a
+cube of space, and the way that the surface faces. Camera subpaths draw directions from these counts
+(path guiding, Vorba et al. 2014, by histograms). What they miss other directions find, with the
+density of all of them together in the MIS weights: counts cost time, not truth.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ SLOTS = 512
 """Of equal probability, by which bins are drawn."""
 AROUND = 256.0
 """Photons of a place that all of its cube together, seen from there, count as."""
-BESIDE = 0.01
+BESIDE = 0.1
 """Photons that a bin counts for each bin about it where one came: what shows a lamp moves from
 place to place, and a bin that only cosines find has a hundred times the light of the others."""
 COSINE_MIN = 0.1
@@ -140,7 +139,8 @@ class _Arrivals:
         v = _followed(pad, light, dr.opaque(mi.UInt32, fiber), photons)
         weight = np.array(channel_mean(v.beta), dtype=np.float64)
         lit = weight > 0
-        self.weight = weight[lit]
+        # In photons of the mean.
+        self.weight = weight[lit] / weight[lit].mean() if lit.any() else weight[lit]
         self.point, self.normal = np.array(v.p).T[lit], np.array(v.n).T[lit]
         self.bin = np.array(_bin(v.wi))[lit]
         cosine = np.array(dr.dot(v.n, v.wi), dtype=np.float64)[lit]
