@@ -7,7 +7,7 @@ from types import ModuleType
 import drjit as dr
 import numpy as np
 import pytest
-from render.cells.bond_optics import WindowBond
+from render.cells.clear.bond_optics import WindowBond
 
 from render.cells.clear.bonded_ways import LEVELS, BondedWays
 from render.cells.clear.unfolded_cells import CODES, DEPTHS, LampWay
