@@ -140,7 +140,7 @@ class BoxImages(MirrorImages):
 
     @dr.syntax
     def draw(
-        self, a: Vertex, y: Vertex, number: mi.Float, _candidates: Sequence[Numbers] = ()
+        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
     ) -> tuple[mi.UInt32, mi.Float]:
         """Return an image of ``y`` for ``a``, and what its light is to be divided by.
 

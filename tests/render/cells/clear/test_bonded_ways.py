@@ -7,8 +7,8 @@ from types import ModuleType
 import drjit as dr
 import numpy as np
 import pytest
-from render.cells.clear.bond_optics import WindowBond
 
+from render.cells.clear.bond_optics import WindowBond
 from render.cells.clear.bonded_ways import LEVELS, BondedWays
 from render.cells.clear.unfolded_cells import CODES, DEPTHS, LampWay
 from render.cells.fiber_light import FiberLight

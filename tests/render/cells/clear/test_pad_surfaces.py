@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import ModuleType
 
 import numpy as np
-from render.cells.clear.bond_optics import WindowBond, way_through_bond
 
+from render.cells.clear.bond_optics import WindowBond, way_through_bond
 from render.cells.clear.pad_surfaces import (
     BOND,
     BOND_MET,
