@@ -7,6 +7,10 @@ is painted white, and the directions in which they arrive there are counted, per
 cube of space, and the way that the surface faces. Camera subpaths draw directions from these counts
 (path guiding, Vorba et al. 2014, by histograms). What they miss other directions find, with the
 density of all of them together in the MIS weights: counts cost time, not truth.
+
+A lamp that is near lies elsewhere for each point of a cube. So what is counted is the direction
+from the middle of the cube to where the photon seems to come from, on a sphere about the point
+whose radius is the mean length of their ways (parallax, after Ruppert et al. 2020).
 """
 
 from __future__ import annotations
@@ -37,10 +41,10 @@ CUBES = 20
 """Cubes along the longest side of what photons meet."""
 FACING = 4
 """Ways to face, along each side of the square that the sphere of normals is unfolded to."""
-HEIGHTS, AZIMUTHS = 32, 64
+HEIGHTS, AZIMUTHS = 48, 96
 """Bins of directions, all of one solid angle."""
 BINS = HEIGHTS * AZIMUTHS
-SLOTS = 512
+SLOTS = 1152
 """Of equal probability, by which bins are drawn."""
 AROUND = 256.0
 """Photons of a place that all of its cube together, seen from there, count as."""
@@ -49,6 +53,8 @@ BESIDE = 0.1
 place to place, and a bin that only cosines find has a hundred times the light of the others."""
 COSINE_MIN = 0.1
 """Least cosine of arrival when photons are counted as radiance."""
+NEAREST = 1.5
+"""Least radius of the spheres on which photons seem to begin, in sides of a cube."""
 
 
 class ArrivingLight:
@@ -71,13 +77,20 @@ class ArrivingLight:
         # Row 0 is for places where no photon came: all directions alike.
         rows = np.zeros((fibers, places), dtype=np.uint32)
         bins: list[Numbered] = [np.arange(SLOTS)[None] * BINS // SLOTS]
+        radii: list[Array] = [np.ones(1)]
         for fiber, arrivals in enumerate(found):
             if not len(arrivals.weight):
                 continue
-            place, _ = self._place(mi.Point3f(arrivals.point.T), mi.Normal3f(arrivals.normal.T))
+            place, middle, _ = self._place(
+                mi.Point3f(arrivals.point.T), mi.Normal3f(arrivals.normal.T)
+            )
             own, number = np.unique(np.array(place), return_inverse=True)
+            cube, of_cube = np.unique(own // FACING**2, return_inverse=True)
+            radius = np.maximum(arrivals.mean_distance(of_cube[number], len(cube)), NEAREST * size)
+            arrivals.seen_from(np.array(middle).T, radius[of_cube[number]])
             rows[fiber, own] = sum(len(drawn) for drawn in bins) + np.arange(len(own))
             bins.append(_slots(_shares(own // FACING**2, number, arrivals)))
+            radii.append(radius[of_cube])
         drawn = np.concatenate(bins)
         density = np.zeros((len(drawn), BINS), dtype=np.float32)
         each = np.arange(len(drawn))[:, None]
@@ -86,13 +99,14 @@ class ArrivingLight:
         self._rows = mi.UInt32(rows.ravel())
         self._drawn = mi.UInt32(drawn.ravel().astype(np.uint32))
         self._density = mi.Float(density.ravel())
-        dr.make_opaque(self._rows, self._drawn, self._density)
+        self._radii = mi.Float(np.concatenate(radii).astype(np.float32))
+        dr.make_opaque(self._rows, self._drawn, self._density, self._radii)
 
     def sample(
         self, fiber: mi.UInt32, v: Vertex, pick: mi.Float, x: mi.Float, y: mi.Float
     ) -> mi.Vector3f:
         """Return directions from ``v`` to where light of ``fiber`` comes from."""
-        row = self._row(fiber, v)
+        row, off = self._row(fiber, v)
         slot = dr.minimum(mi.UInt32(pick * SLOTS), SLOTS - 1)
         number = dr.gather(mi.UInt32, self._drawn, row * SLOTS + slot)
         # Where no photon came a slot is as many bins, side by side.
@@ -102,19 +116,36 @@ class ArrivingLight:
         turn = (mi.Float(number - height * AZIMUTHS) + y) * (2.0 * dr.pi / AZIMUTHS) - dr.pi
         sine, cosine = dr.sincos(turn)
         level = dr.safe_sqrt(1.0 - dr.square(z))
-        return mi.Vector3f(level * cosine, level * sine, z)
+        seen = mi.Vector3f(level * cosine, level * sine, z)
+        # From the middle of the cube to the sphere about the point.
+        radius, along = dr.gather(mi.Float, self._radii, row), dr.dot(seen, off)
+        reach = dr.square(along) + dr.square(radius) - dr.squared_norm(off)
+        direction = dr.normalize((along + dr.safe_sqrt(reach)) * seen - off)
+        return dr.select(row == 0, seen, direction)
 
     def density(self, fiber: mi.UInt32, v: Vertex, direction: mi.Vector3f) -> mi.Float:
         """Return the density per solid angle with which ``sample`` finds ``direction``."""
-        at = self._row(fiber, v) * BINS + _bin(direction)
-        return dr.gather(mi.Float, self._density, at)
+        row, off = self._row(fiber, v)
+        radius = dr.gather(mi.Float, self._radii, row)
+        seen = off + radius * direction
+        squared = dr.squared_norm(seen)
+        seen = dr.select(row == 0, direction, seen * dr.rsqrt(squared))
+        # Solid angles are as areas of the sphere over squared distances.
+        spread = dr.square(radius) * dr.dot(direction, seen) / squared
+        density = dr.gather(mi.Float, self._density, row * BINS + _bin(seen))
+        return density * dr.select(row == 0, 1.0, spread)
 
-    def _row(self, fiber: mi.UInt32, v: Vertex) -> mi.UInt32:
-        place, within = self._place(v.p, v.n)
-        return dr.gather(mi.UInt32, self._rows, fiber * self._places + place, within)
+    def _row(self, fiber: mi.UInt32, v: Vertex) -> tuple[mi.UInt32, mi.Vector3f]:
+        """Return the rows of vertices, and where they are from the middle of their cubes."""
+        place, middle, within = self._place(v.p, v.n)
+        row = dr.gather(mi.UInt32, self._rows, fiber * self._places + place, within)
+        return row, mi.Vector3f(v.p - middle)
 
-    def _place(self, p: mi.Point3f, n: mi.Normal3f) -> tuple[mi.UInt32, mi.Bool]:
-        """Return the places of points with their normals, and whether any photon came so far."""
+    def _place(self, p: mi.Point3f, n: mi.Normal3f) -> tuple[mi.UInt32, mi.Point3f, mi.Bool]:
+        """Return the places of points, the middle of their cubes, and whether photons came so far.
+
+        A place has a normal as well; mm.
+        """
         cube = mi.Vector3i(dr.floor((p - self._low) * self._per_size))
         within = dr.all((cube >= 0) & (cube <= self._last))
         cube = dr.clip(cube, 0, self._last)
@@ -124,32 +155,53 @@ class ArrivingLight:
         x = dr.select(n.z < 0, dr.mulsign(1.0 - dr.abs(n.y), n.x), n.x)
         y = dr.select(n.z < 0, dr.mulsign(1.0 - dr.abs(n.x), n.y), n.y)
         i, j = (_step((a + 1.0) * 0.5, FACING) for a in (x, y))
-        return (mi.UInt32(at) * FACING + i) * FACING + j, within
+        middle = self._low + (mi.Vector3f(cube) + 0.5) / self._per_size
+        return (mi.UInt32(at) * FACING + i) * FACING + j, mi.Point3f(middle), within
 
 
 class _Arrivals:
     """Photons of one lamp that have met a diffuse surface, at the ``point (photon, 3)``.
 
-    ``normal`` is that of the surface and ``side`` the same towards the light, ``bin`` the direction
-    that they come from, ``cosine`` that of arrival and ``weight`` what they are worth.
+    ``normal`` is that of the surface and ``side`` the same towards the light, ``direction`` where
+    they come from, from so much ``distance`` (mm), ``cosine`` that of arrival and ``weight`` what
+    they are worth. ``bin`` is the direction that is counted.
     """
+
+    bin: Numbered
 
     def __init__(self, pad: mi.Scene, light: FiberLight, fiber: int, photons: int) -> None:
         """Follow so many ``photons`` until they meet a diffuse surface."""
-        v = _followed(pad, light, dr.opaque(mi.UInt32, fiber), photons)
+        v, length = _followed(pad, light, dr.opaque(mi.UInt32, fiber), photons)
         weight = np.array(channel_mean(v.beta), dtype=np.float64)
         lit = weight > 0
         # In photons of the mean.
         self.weight = weight[lit] / weight[lit].mean() if lit.any() else weight[lit]
         self.point, self.normal = np.array(v.p).T[lit], np.array(v.n).T[lit]
-        self.bin = np.array(_bin(v.wi))[lit]
+        self.direction = np.array(v.wi).T[lit]
+        self.distance = np.array(length, dtype=np.float64)[lit]
         cosine = np.array(dr.dot(v.n, v.wi), dtype=np.float64)[lit]
         self.cosine, self.side = np.abs(cosine), self.normal * np.sign(cosine)[:, None]
 
+    def mean_distance(self, cube: Numbered, cubes: int) -> Array:
+        """Return the mean length of ways to each of so many ``cubes``, mm: by its inverse."""
+        inverse = np.bincount(cube, self.weight / np.maximum(self.distance, 1e-3), cubes)
+        return np.asarray(np.bincount(cube, self.weight, cubes) / inverse)
+
+    def seen_from(self, middle: Array, radius: Array) -> None:
+        """Take the directions from a ``middle`` (photon, 3) to spheres about the points, mm."""
+        seen = self.point + radius[:, None] * self.direction - middle
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        self.bin = np.array(_bin(mi.Vector3f(seen.T.astype(np.float32))))
+
 
 @dr.syntax
-def _followed(pad: mi.Scene, light: FiberLight, fiber: mi.UInt32, photons: int) -> Vertex:
-    """Return the first diffuse surface that photons of ``fiber`` meet, with ``beta`` 0 if none."""
+def _followed(
+    pad: mi.Scene, light: FiberLight, fiber: mi.UInt32, photons: int
+) -> tuple[Vertex, mi.Float]:
+    """Return the first diffuse surface that photons of ``fiber`` meet, with ``beta`` 0 if none.
+
+    The second value is how far they went from their lamp, or from where a volume scattered them.
+    """
     lane = dr.arange(mi.UInt32, photons)
     seed, _ = mi.sample_tea_32(lane, key(0, 4, 0), ROUNDS)
     stream = HashedStream(seed ^ fiber)
@@ -159,19 +211,22 @@ def _followed(pad: mi.Scene, light: FiberLight, fiber: mi.UInt32, photons: int) 
     o, d = light.sample(fiber, stratum, (u, v_angle), mi.Point2f(x, y))
     none = mi.Float(0)
     state = begin_subpath(o, d, dr.zeros(mi.MediumPtr), mi.Spectrum(1.0), none, none, free)
-    met = empty_vertex()
+    met, last, length = empty_vertex(), mi.Point3f(o), mi.Float(0.0)
     event, active = mi.UInt32(2), dr.full(mi.Bool, True, photons)
     while active:
         state, v, arrived, escaped = trace_segment(pad, state, active)
+        length += dr.select(arrived, dr.norm(v.p - last), 0.0)
+        last = dr.select(arrived, v.p, last)
         here = arrived & v.diffuse
         met = dr.select(here, v, met)
         going = arrived & ~v.diffuse
+        length = dr.select(going & v.volume, 0.0, length)
         state, alive = sample_scattering(
             state, v, mi.TransportMode.Importance, stream.event(event), going
         )
         event += 1
         active &= ~escaped & ~here & (~going | alive) & (event < EVENTS + 2)
-    return met
+    return met, length
 
 
 def _bin(direction: mi.Vector3f) -> mi.UInt32:

@@ -68,10 +68,10 @@ CLEAR_ROUGHNESS = 0.05
 NODES = 8
 """Direction nodes come in multiples of it: each number of them is a kernel of its own, which takes
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
-LEARNED_MIN = 0.05
-"""Least part of the guided directions that goes where photons came from.
+LEARNED, LEARNED_MIN = 0.8, 0.05
+"""What of the guided directions goes where photons came from, without a layer, and at least.
 
-Without a layer all of them do, and less as it hides the lamps. Behind thicker ones none.
+The others go to the lamp's glow. A layer that hides the lamps leaves fewer, thicker ones none.
 """
 
 
@@ -167,11 +167,9 @@ class PadSampler:
         self.target = CoatingTarget(scene, bend, self.mirror)
         mirrors = mirror_faces(scene)
         bonded = scene.window_refracts
-        # Camera subpaths find what is on surfaces, but end in no volume.
-        layer = scene.diffuser
-        scatters = layer is not None and layer.sigma_s > 0.0
+        # Neither glossy vertices nor volumes are found by chance over a mirror.
         self.images: MirrorImages | None = None
-        if scatters and mirrors.any() and not bonded:
+        if mirrors.any() and not bonded:
             if self.mirror.curved:
                 self.images = BentImages(scene, bend, indented)
             else:
@@ -179,19 +177,20 @@ class PadSampler:
         # No lobe about a mirror image passes a bond that refracts, or is as narrow as a mirror.
         self.glossy = None if bonded or mirrors[LOWER] else self.mirror
         # Over images that are not known camera subpaths find vertices in volumes.
+        layer = scene.diffuser
         unknown = bonded or (mirrors.any() and self.mirror.curved)
-        self.passable = bool(unknown and scatters)
+        self.passable = bool(unknown and layer is not None and layer.sigma_s > 0.0)
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
-        learned = math.exp(-diffuser_depths(scene).min()) if self.seen else 0.0
-        learned = learned if learned >= LEARNED_MIN else 0.0
-        self.ways: list[Directions] = []
-        if learned > 0.0:
-            self.ways.append(ArrivingLight(self.pad, self.light, scene.lamp_count))
-        if learned < 1.0:
-            self.ways.append(FiberGlow(scene, bend))
-        shares = [share for share in (learned, 1.0 - learned) if share > 0.0]
-        self.shares = [dr.opaque(mi.Float, share) for share in shares]
+        learned = 0.0
+        if self.seen:
+            learned = LEARNED * math.exp(-diffuser_depths(scene).min())
+        self.ways: list[Directions] = [FiberGlow(scene, bend)]
+        if learned >= LEARNED_MIN:
+            self.ways.insert(0, ArrivingLight(self.pad, self.light, scene.lamp_count))
+        else:
+            learned = 0.0
+        self.shares = [dr.opaque(mi.Float, share) for share in (learned, 1.0 - learned) if share]
         self.guided = SEEN_GUIDED_FRACTION if self.seen else GUIDED_FRACTION
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
         self.stride = CAMERA_STRIDE
