@@ -73,7 +73,7 @@ def test_no_room_holds_more_than_twenty_two_modules() -> None:
 
 
 LINES = {
-    "render": 30_775,  # the gates for strangers' scenes, tables and meshes
+    "render": 31_240,  # both kinds of subpaths in one loop, their vertices in memory
     "surrogate": 6_661,  # a stranger's model is looked at before it runs
     "optimize": 18_426,  # sealed records, folders that are put back, text of others
     "hw": 10_146,  # boards are read back; photographs pass one gate

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.cells.clear.crossings import face_crossing
 from render.cells.clear.pad_surfaces import NO_TURN
 from render.cells.clear.unfolded_cells import (
     CELL_MAX,
@@ -36,6 +35,7 @@ from render.cells.clear.unfolded_cells import (
     wall_reflections,
 )
 from render.cells.clear.way_draws import WayDraws
+from render.cells.crossings import face_crossing
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.geometry import fiber_poses
 from render.scene import Scene

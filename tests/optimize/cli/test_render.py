@@ -61,7 +61,7 @@ def test_the_kind_of_file_follows_its_name(tactilux: Run, tmp_path: Path) -> Non
         (("--size", "5x60"), "16 to 4096 each"),
         (("--press", "cube"), "allowed: none, pyramids, ball, bolt, edge or a mesh file"),
         (("--press", "file"), "is no body"),
-        (("--depth", "0.5"), "--depth 0.5 with --press pyramids, allowed: with ball, bolt, edge"),
+        (("--depth", "0.5"), "depth = 0.5 with press = pyramids, allowed: with ball, bolt, edge"),
         (("--press", "ball", "--depth", "3"), "allowed: less than its radius, 3 mm"),
         (("--press", "bolt", "--depth", "4"), "pressed 4 mm deep does not fit into the pad"),
         (("--press", "edge", "--depth", "0"), "0.01"),

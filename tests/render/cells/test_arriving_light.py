@@ -102,8 +102,10 @@ def test_they_change_the_noise_of_a_smooth_bent_pad_and_not_its_light(
     from render.cells.guiding import FiberGlow
 
     levels, errors = [], []
-    for ways in (cells.ways, [FiberGlow(SCENE, BEND)]):
+    both = cells.ways, cells.shares
+    for ways, shares in (both, ([FiberGlow(SCENE, BEND)], [mono.Float(1.0)])):
         monkeypatch.setattr(cells, "ways", ways)
+        monkeypatch.setattr(cells, "shares", shares)
         run = MonteCarlo(cells, 1 << 14, 16, 1)
         run.sample(12)
         found = run.estimate()[..., 0]

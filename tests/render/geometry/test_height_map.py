@@ -132,7 +132,7 @@ def test_the_mesh_of_level_2_is_the_height_map(scene: Scene, bend: float) -> Non
 @pytest.mark.parametrize(
     ("size", "depth", "said"),
     [
-        ((16.5, 9.0, 2.0), 1.0, "--smooth 2 mm moves the skin at the pad's edge by 0.1"),
+        ((16.5, 9.0, 2.0), 1.0, "smooth = 2 mm moves the skin at the pad's edge by 0.1"),
         ((40.0, 2.0, 2.0), None, "does not fit into the pad"),
         ((4.0, 2.0, 0.5), 0.8, "0.5 mm high, allowed: up to that"),
         (None, None, "is no body"),
