@@ -60,7 +60,7 @@ DEAREST := $(LONG)/test_clear_pads.txt
 LONG_RUNS := $(DEAREST) \
 	$(filter-out $(DEAREST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
 CODE := $(shell git ls-files '*.py' '*.toml' '*.glsl' '*.npz' '*.onnx')
-NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py)
+NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py states.py)
 KEPT = set -o pipefail; $(BIN)/python -m pytest --capture no --passed $(@:.txt=.passed) $(1) 2>&1 \
 	| tee --append $@.part; mv $@.part $@
 

@@ -12,6 +12,7 @@ from render.geometry import (
     flat_sites,
 )
 from render.scene import Scene, load_scene, unchecked
+from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene, analog_lamp, analog_pad, site_centers
 from tests.oracles.kept_photons import PHI, analog
 from tests.oracles.pads import content_of_case, scene_of_case
@@ -87,6 +88,7 @@ def test_a_cell_is_albedo_over_pi_times_the_irradiance_that_its_pixels_see() -> 
     assert sums.mean() == pytest.approx(expected, abs=3.5 * stats.sem(sums))
 
 
+@pytest.mark.skipif(not LONG, reason="part of make validation-long")
 def test_facets_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
     """There light changes by a factor of two across a quarter of a facet."""
     scene = scene_of_case("random 23")

@@ -9,6 +9,7 @@ from scipy import stats
 from render.geometry import fresnel
 from render.preview.bonded import with_bonded_window
 from render.scene import Scene, unchecked
+from tests.long import LONG
 from tests.oracles.analog_cells import AnalogScene, analog_lamp
 from tests.oracles.analog_tracer import BACK, COATING, ENDS, MEDIUM, MICROFACETS
 from tests.oracles.mesh_cells import BentScene, mesh_bin_areas, mesh_pad
@@ -123,6 +124,7 @@ def test_a_bent_pads_facets_are_lit_by_their_form_factors() -> None:
     assert np.abs((cells.T - truth)[lit] / cells.se[lit]).max() < 4.5
 
 
+@pytest.mark.skipif(not LONG, reason="part of make validation-long")
 def test_facets_of_a_bent_pad_in_the_tail_of_a_narrow_beam_have_what_quadrature_says() -> None:
     wide, bend, ahead = without_faces(1e-4), 0.8, np.pi / 2
     narrow = unchecked(wide.fibers, {"sigma_v": np.radians(3.0), "tilt": 0.0})

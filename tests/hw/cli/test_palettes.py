@@ -13,6 +13,7 @@ from render.scene import load_scene
 from surrogate.preview_model import preview_checker
 from tests.conftest import Run
 from tests.hw.palettes import RESPONSES, matrix, rig_scene
+from tests.long import LONG
 
 FOUR = "amber, infrared and white, four channels"
 WHITE, INFRARED = "white, gray camera", "white and infrared, gray camera"
@@ -77,7 +78,7 @@ def test_the_faults_of_a_demonstration_are_those_of_lamps_that_the_design_lights
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [INFRARED, AMBER, FOUR])
+@pytest.mark.parametrize("name", [INFRARED, AMBER, FOUR] if LONG else [FOUR])
 def test_calibration_recovers_the_response_and_the_powers(
     tactilux: Run, tmp_path: Path, name: str
 ) -> None:

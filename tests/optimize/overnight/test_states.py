@@ -14,6 +14,7 @@ from optimize.design import RUN_MODEL
 from optimize.overnight.result import OvernightResult
 from render.scene import load_scene
 from surrogate.runtime import Checker
+from tests.long import LONG
 from tests.optimize.overnight.conftest import SAMPLES
 from tests.optimize.overnight.tiny import outcome
 from tests.optimize.overnight.warm import WarmProgram, WarmRun, wait_for
@@ -36,6 +37,7 @@ def write_soft_dome(folder: Path) -> Path:
     return folder / "scene.toml"
 
 
+@pytest.mark.skipif(not LONG, reason="part of make validation-long")
 def test_a_night_of_states_ends_bit_equal_after_kills(
     warm_program: WarmProgram, tmp_path: Path
 ) -> None:
