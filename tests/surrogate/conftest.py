@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,20 +15,9 @@ from surrogate.model.preview_grid import PreviewGrid, draw_grid, grid_nodes
 from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.fit_task import FitConfig
 from surrogate.training.mlp import NetworkConfig
+from tests.small_scenes import small_scene
 
 PHI_NODES, BEND_NODES = 7, 5
-
-
-def small_scene(**changes: dict[str, Any]) -> Scene:
-    """Return finger20 with 8 fibers, 6 sites and 6 facets; ``changes`` replace keys of parts."""
-    text = (resources.files("render") / "scenes" / "finger20.toml").read_text()
-    content = tomllib.loads(text)
-    content["fibers"] |= {"left": 3, "tip": 2, "right": 3}
-    content["sites"] |= {"columns": 3, "rows": 2}
-    content["indenter"] |= {"faces": 6}
-    for part, keys in changes.items():
-        content[part] |= keys
-    return Scene.model_validate(content)
 
 
 def invent_reference(scene: Scene, noise: float = 0.02, seed: int = 0) -> TransportTable:

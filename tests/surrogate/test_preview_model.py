@@ -46,7 +46,7 @@ from surrogate.runtime import Checker, RankingTest
 from surrogate.runtime.model_file import OUTPUTS
 from tests.oracles.pads import content_of_case
 from tests.oracles.random_scenes import random_content
-from tests.surrogate.conftest import small_scene
+from tests.small_scenes import small_scene
 
 NODES = chebyshev_nodes(13, 0.0, np.pi)
 

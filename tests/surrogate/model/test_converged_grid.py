@@ -10,7 +10,7 @@ from render.preview.converged import ConvergedTransport
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected, likely_ratio
 from surrogate.model.preview_grid import PreviewGrid
-from tests.surrogate.conftest import small_scene
+from tests.small_scenes import small_scene
 
 NODES = chebyshev_nodes(13, 0.0, np.pi)
 PHOTON = 1e-3

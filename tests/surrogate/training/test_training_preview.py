@@ -23,7 +23,7 @@ from surrogate.model.preview_grid import InterpolationError, PreviewGrid, draw_g
 from surrogate.training import training_preview
 from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.training_preview import TrainingPreview, followed_grid
-from tests.surrogate.conftest import small_scene
+from tests.small_scenes import small_scene
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from tests.oracles.kept_photons import PHI, photons_kept
 from tests.oracles.mesh_cells import BentScene
 from tests.oracles.pads import scene_of_case
 from tests.oracles.random_scenes import random_scene
-from tests.surrogate.conftest import small_scene
+from tests.small_scenes import small_scene
 
 AHEAD = np.array([np.pi / 2])
 FLAT = {"angles": {"value": [0.0], "unit": "deg", "source": "flat"}}

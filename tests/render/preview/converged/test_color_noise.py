@@ -20,7 +20,7 @@ from render.preview.converged.color_noise import (
 from render.progress import Clock, Progress
 from render.scene import Scene, unchecked
 from tests.oracles.random_scenes import random_scene
-from tests.surrogate.conftest import small_scene
+from tests.small_scenes import small_scene
 
 PHI = np.array([0.8, np.pi / 2, 2.1])
 FLAT = {"angles": {"value": [0.0], "unit": "deg", "source": "flat"}}
