@@ -89,7 +89,7 @@ class ArrivingLight:
             radius = np.maximum(arrivals.mean_distance(of_cube[number], len(cube)), NEAREST * size)
             arrivals.seen_from(np.array(middle).T, radius[of_cube[number]])
             rows[fiber, own] = sum(len(drawn) for drawn in bins) + np.arange(len(own))
-            bins.append(_slots(_shares(own // FACING**2, number, arrivals)))
+            bins.append(_slots(_shares(of_cube, number, arrivals)))
             radii.append(radius[of_cube])
         drawn = np.concatenate(bins)
         density = np.zeros((len(drawn), BINS), dtype=np.float32)
@@ -248,23 +248,23 @@ def _middles() -> Array:
     return np.stack([level * np.cos(turn), level * np.sin(turn), z], axis=1)
 
 
-def _shares(cubes: Numbered, number: Numbered, arrivals: _Arrivals) -> Array:
+def _shares(cube: Numbered, number: Numbered, arrivals: _Arrivals) -> Array:
     """Return how often bins are to be drawn, ``(place, bin)``.
 
     Arguments:
-        cubes: of the places.
+        cube: that of each place, counted from 0 without gaps.
         number: the place of each photon.
         arrivals: the photons.
 
     A facet that few photons reach is told by those of its cube what may come over its horizon.
     """
-    places, at = len(cubes), number * BINS + arrivals.bin
+    places, at = len(cube), number * BINS + arrivals.bin
     counts: Array = np.zeros(places * BINS)
     counts += np.bincount(at, arrivals.weight, len(counts))
     counts = counts.reshape(places, BINS)
     radiance = arrivals.weight / np.maximum(arrivals.cosine, COSINE_MIN)
-    names, cube = np.unique(cubes, return_inverse=True)
-    together = np.bincount(cube[number] * BINS + arrivals.bin, radiance, len(names) * BINS)
+    bins = (int(cube.max()) + 1) * BINS
+    together = np.bincount(cube[number] * BINS + arrivals.bin, radiance, bins)
     facing: Array = np.zeros((places, 3))
     facing += np.stack([np.bincount(number, n, places) for n in arrivals.side.T], axis=1)
     length = np.linalg.norm(facing, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Images over the smooth faces of a flat pad with a scattering layer, over and over.
+"""Images over the smooth faces of a flat pad, behind a scattering layer over and over.
 
 A flat pad is a box of silicone: the folded line to an image meets every mirror within the face, as
 in any box. Between two smooth walls light goes to and fro, as between two mirrors; so it does in
@@ -42,7 +42,7 @@ MARGIN = 1e-3
 
 
 def repeating_axes(scene: Scene) -> tuple[bool, bool, bool]:
-    """Return along which axes a flat pad has images beyond those of ``BoxImages``.
+    """Return along which axes a flat pad has images beyond the near ones.
 
     Across the pad these are axes of two mirrors; along z the layer's upper face is one, which has
     the finish of the pad. Without anything that scatters in a volume there are none.

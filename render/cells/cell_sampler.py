@@ -72,7 +72,8 @@ seconds to compile, where eight nodes take at most a tenth longer to render than
 AIMED_MAX, AIMED_MIN = 0.8, 0.1
 """What of the guided directions goes to the lamp itself, on clear pads and on milky ones."""
 LEARNED_MIN = 0.05
-"""Least part of the guided directions that goes where photons came from: behind layers none."""
+"""Least part of the guided directions that goes where photons came from; layers that leave less
+of their lamps have none."""
 
 
 def diffuser_depths(scene: Scene) -> Array:

@@ -1,10 +1,11 @@
 """Connections over the smooth faces of a pad, by the image method.
 
 Where faces of a pad are smooth or metal, light from a vertex ``y`` reaches the coating over the
-lower face, over a wall, or over several of them, on the straight line to an image of ``y``. What a
-layer scatters there no camera subpath finds; this connects to one of the images, drawn in
-proportion to what it may send. Ways that have no image are left to camera subpaths, which reflect
-by chance and compete in the balance heuristic for the others as well.
+lower face, over a wall, or over several of them, on the straight line to an image of ``y``. No
+random direction finds an image of a volume, or of a lobe on a rough face, often enough; this
+connects to one of them, drawn in proportion to what it may send. Ways that have no image are left
+to camera subpaths, which reflect by chance and compete in the balance heuristic for the others as
+well.
 
 What the mirrors are is said by ``BoxImages`` for a flat pad and by ``BentImages`` for a bent one.
 """
