@@ -1,6 +1,10 @@
 # Every target sets up what it needs first; `make help` lists them.
 .DEFAULT_GOAL := help
-VALIDATIONS := $(basename $(notdir $(wildcard tests/validation/test_*.py)))
+# The dearest come first, so that no core waits for one in the end.
+DEAREST := test_rig_faults test_state_models test_shipped_previews \
+	test_rendered_degrees test_skin_states test_preview_model test_readers
+VALIDATIONS := $(DEAREST) $(filter-out $(DEAREST), \
+	$(basename $(notdir $(wildcard tests/validation/test_*.py))))
 .PHONY: help explore verify train test unit slow docs validation validation-long scoreboard \
 	scoreboard-long benchmark lint format check-format types clean $(VALIDATIONS)
 
@@ -56,9 +60,9 @@ $(VALIDATIONS): $(FULL)
 # runs again until a source changes, and hours that are stopped go on. The dearest comes first, so
 # that no core waits for it in the end.
 LONG := build/validation-long
-DEAREST := $(LONG)/test_clear_pads.txt
-LONG_RUNS := $(DEAREST) \
-	$(filter-out $(DEAREST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
+LONGEST := $(LONG)/test_clear_pads.txt
+LONG_RUNS := $(LONGEST) \
+	$(filter-out $(LONGEST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
 CODE := $(shell git ls-files '*.py' '*.toml' '*.glsl' '*.npz' '*.onnx')
 NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py states.py)
 KEPT = set -o pipefail; $(BIN)/python -m pytest --capture no --passed $(@:.txt=.passed) $(1) 2>&1 \

@@ -21,8 +21,7 @@ the value and what is allowed.
 >>> round(float(said["score"][0]))
 234
 
-The preview (level 0), the surrogate (`Checker`, level 1) and the reference (`render_transport`,
-level 2) predict the same array::
+Preview, surrogate (`Checker`) and reference (`render_transport`) predict the same array::
 
     with tactilux.Preview(scene) as preview:
         T, background = preview.transport(baseline.phi[:, None], bends)
@@ -42,15 +41,17 @@ Importing this module loads nothing; every name loads what it needs when it is f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 if TYPE_CHECKING:
     from optimize.design import Design, baseline_design, load_design, save_design
+    from optimize.dimensions import Study
     from optimize.exploration import Exploration, Stage
-    from optimize.reconstruction import ErrorComparison
+    from optimize.objectives import ObjectiveName, ReaderName
+    from optimize.readers import ErrorComparison
     from optimize.search import SearchStep
     from optimize.verification import Optimization, OptimizationMethod, Verification
     from render import register_plugins
@@ -125,6 +126,7 @@ __all__ = [
     "register_plugins",
     "render_transport",
     "save_design",
+    "study",
     "verify",
 ]
 
@@ -150,15 +152,15 @@ def load_model(
     coarse: bool = False,
     progress: OnProgress | bool | None = None,
 ) -> Checker:
-    """Return the surrogate of ``scene``, level 1, or its preview, level 0, where there is none.
+    """Return the trained surrogate of ``scene``, or its preview, corrected by traced light.
 
-    The first time that takes about a minute: the converged preview follows light to every facet.
+    The first time that takes about a minute where none was trained: light is traced to every facet.
 
     Arguments:
         scene: the sensor, its name or its file.
         folder: that holds ``checker.onnx`` (default: found by the scene's hash, here
             or as shipped).
-        coarse: take the preview as drawn, in seconds, and less exact; for studies of variants.
+        coarse: take the preview alone, in seconds, and less exact; for studies of variants.
         progress: called with how far the preview is, and with notes on the model; True is a bar.
 
     Raises:
@@ -185,7 +187,7 @@ def rate(
     model: Checker | str | Path | None = None,
     progress: OnProgress | bool | None = None,
 ) -> Stage:
-    """Return what the surrogate says of ``design``, level 1, in milliseconds.
+    """Return what the surrogate says of ``design``, in milliseconds.
 
     Arguments:
         design: what is rated, or its file.
@@ -209,8 +211,8 @@ def reconstruct(
     scene: Scene | str | Path,
     *,
     model: Checker | str | Path | None = None,
-    read_noise: float = 1.0,
-    full_well: float = 10_000.0,
+    read_noise: float | None = None,
+    full_well: float | None = None,
     seed: int = 0,
     progress: OnProgress | bool | None = None,
 ) -> dict[str, ErrorComparison]:
@@ -220,8 +222,8 @@ def reconstruct(
         design: whose colors are read, or its file.
         scene: its sensor, or the name or the file of that.
         model: its surrogate, or the folder of that (default: `load_model`).
-        read_noise: of the camera, one standard deviation in counts.
-        full_well: photoelectrons at 255 counts, for the shot noise.
+        read_noise: of the camera, one standard deviation in counts (default: the scene's).
+        full_well: photoelectrons at 255 counts, for the shot noise (default: the scene's).
         seed: of normals and noise, which both designs share.
         progress: as of `load_model`.
 
@@ -230,24 +232,24 @@ def reconstruct(
         ``baseline`` and ``design`` in degrees, their ``difference`` and its 95 % ``interval``.
     """
     from optimize.design import dimmed_baseline
-    from optimize.reconstruction import (
-        SEEDS,
-        CameraNoise,
-        compare_reconstruction,
-        predicted_colors,
-    )
+    from optimize.readers import SEEDS, CameraModel, compare_readings, reading
+    from optimize.scoring import predicted_colors
     from render.arguments import as_number, as_whole
     from render.errors import DesignError
 
     first = as_whole(seed, "seed", DesignError, least=0)
-    noise = CameraNoise(
-        as_number(read_noise, "read_noise", DesignError, least=0.0),
-        as_number(full_well, "full_well", DesignError, least=1.0),
-    )
+    given = {"read_noise": (read_noise, 0.0), "full_well": (full_well, 1.0)}
+    stated = {
+        name: as_number(value, name, DesignError, least=least)
+        for name, (value, least) in given.items()
+        if value is not None
+    }
     sensor, checker = _model_of(scene, model, progress)
+    camera = CameraModel.of(sensor).stating(**stated)
     designs = [dimmed_baseline(sensor), _design_of(design, sensor)]
-    pairs = [predicted_colors(checker, sensor, each) for each in designs]
-    return compare_reconstruction(sensor, pairs, pairs, noise, range(first, first + SEEDS))
+    seeds = range(first, first + SEEDS)
+    colors = [predicted_colors(checker, each) for each in designs]
+    return compare_readings(*(reading(sensor, known, camera, seeds) for known in colors))
 
 
 def picture(
@@ -269,7 +271,7 @@ def picture(
         bend: rad in [0, pi], or the number of one of the scene's states.
         size: columns and rows (default: the camera's).
         pressed: by the pyramids, or untouched.
-        samples: light paths per pixel, level 2; None draws the preview, level 0, in a second.
+        samples: light paths per pixel of the reference; None draws the preview, in a second.
         seed: of the light paths.
         progress: called every few seconds of a render; True is a bar.
 
@@ -320,7 +322,7 @@ def render_transport(
     checkpoint: str | Path | None = None,
     progress: OnProgress | bool | None = None,
 ) -> TransportEstimate:
-    """Render the transport of all fibers at all bends, level 2.
+    """Render the transport of all fibers at all bends: the reference.
 
     Arguments:
         scene: the sensor, its name or its file.
@@ -355,6 +357,7 @@ def explore(
     scene: Scene | str | Path,
     *,
     model: Checker | str | Path | None = None,
+    objective: ObjectiveName = "sensor",
     seed: int = 0,
     progress: Callable[[SearchStep], None] | bool | None = None,
 ) -> Exploration:
@@ -363,20 +366,26 @@ def explore(
     Arguments:
         scene: the sensor, its name or its file; the search keeps to its constraints.
         model: its surrogate, or the folder of that (default: `load_model`).
+        objective: what is improved: ``sensor``, the degrees by which one reader for the whole
+            sensor misses normals; ``place``, those of a reader that knows every place; or
+            ``score``, S of thesis eq. 4.7.
         seed: of the search; the same seed gives the same design.
         progress: called after every step of the search; True says the steps on stderr.
 
     Returns:
         ``design``, its ``rating`` (score S of thesis eq. 4.7 in counts with a 90 % interval), and
-        ``stages`` from the baseline on.
+        ``stages`` from the baseline on. What does not read better than the baseline is not
+        handed over: then it is the baseline.
     """
     from optimize.exploration import explore as run
+    from optimize.objectives import OBJECTIVES
     from optimize.ui.console import shown_progress
-    from render.arguments import as_whole
+    from render.arguments import as_one_of, as_whole
     from render.errors import DesignError
     from render.progress import Progress
 
     chosen = as_whole(seed, "seed", DesignError, least=0)
+    as_one_of(objective, OBJECTIVES, "objective", DesignError)
     with shown_progress(progress, "Exploring") as report:  # type: ignore[arg-type]
         sensor, checker = _model_of(scene, model, report if progress is True else None)
         told: Any = report
@@ -385,7 +394,69 @@ def explore(
             def told(step: SearchStep) -> None:
                 report(Progress.of_note(f"{step.stage}: score {step.score:.1f}"))
 
-        return run(sensor, checker, seed=chosen, progress=told)
+        return run(
+            sensor,
+            checker,
+            objective=objective,
+            seed=chosen,
+            progress=told,
+            report=report if progress is True else None,
+        )
+
+
+def study(
+    scene: Scene | str | Path,
+    vary: Mapping[str, str | Sequence[float]],
+    *,
+    objective: ReaderName = "sensor",
+    coarse: bool = False,
+    lamps_follow: bool = False,
+    seed: int = 0,
+    checkpoint: str | Path | None = None,
+    progress: OnProgress | bool | None = None,
+) -> Study:
+    """Return what numbers of a scene file are worth, each value with the best lights found for it.
+
+    One number is a grid, as are few combinations of several; others are searched by CMA-ES::
+
+        found = tactilux.study("digit", {"pad.thickness": [4, 5], "coating.albedo": "0.3:0.6:0.1"})
+        found.best.scene, found.best.design
+
+    Arguments:
+        scene: the sensor as it is, its name or its file.
+        vary: values by keys of the scene file, such as ``rows.0.height``, ``rows.left.height`` or,
+            for all rows, ``rows.height``; a list, or a text ``low:high:step``, in the file's unit.
+        objective: whose degrees decide, the ``sensor`` or the ``place`` reader's.
+        coarse: ask the preview alone, in seconds a sensor; else traced light answers too.
+        lamps_follow: lamps keep their height as a part of a ``pad.thickness`` that is varied.
+        seed: of all searches; the same seed gives the same study.
+        checkpoint: a folder; interrupted, the same call goes on from there.
+        progress: told of every sensor; True is a bar.
+
+    Returns:
+        ``rows`` and ``finalists`` with ``values`` and ``changes`` from the sensor as it is, the
+        ``sentence`` that sums up, and ``best``: the best sensor and its lights, rated. Notebooks
+        show a table; ``plot()`` gives a figure. A sensor that is not certain to be better is not
+        handed over: ``best`` is then the one as it is.
+    """
+    from optimize.dimensions import Variants, dimensions_of, run_study
+    from optimize.objectives import READERS
+    from optimize.ui.console import shown_progress
+    from render.arguments import as_folder, as_kind, as_one_of, as_whole
+    from render.errors import DesignError, SceneError
+    from render.scene import as_scene
+
+    sensor = as_scene(scene)
+    as_one_of(objective, READERS, "objective", DesignError)
+    as_kind(coarse, bool, "coarse", "True or False", SceneError)
+    as_kind(lamps_follow, bool, "lamps_follow", "True or False", SceneError)
+    chosen = as_whole(seed, "seed", SceneError, least=0)
+    folder = as_folder(checkpoint, "checkpoint", SceneError)
+    variants = Variants(sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow)
+    with shown_progress(progress, "") as report:
+        return run_study(
+            variants, reader=objective, coarse=coarse, seed=chosen, folder=folder, progress=report
+        )
 
 
 def verify(
@@ -398,7 +469,7 @@ def verify(
     checkpoint: str | Path | None = None,
     progress: OnProgress | bool | None = None,
 ) -> Verification:
-    """Return what renders say about ``design`` against the baseline, at level 2.
+    """Return what renders say about ``design`` against the baseline.
 
     Arguments:
         design: what is verified, or its file.
@@ -433,22 +504,25 @@ def optimize(
     *,
     model: Checker | str | Path | None = None,
     method: OptimizationMethod = "loop",
+    objective: ObjectiveName = "sensor",
     samples: int = 96,
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: OnProgress | bool | None = None,
 ) -> Optimization:
-    """Return a design that renders chose: the surrogate proposes, level 2 decides.
+    """Return a design that renders chose: the surrogate proposes, the reference decides.
 
     Arguments:
         scene: the sensor, its name or its file.
         model: its surrogate, or the folder of that (default: `load_model`).
         method: the verification ``loop``, the ``thesis`` procedure, or ``both`` side by side.
+        objective: what decides: degrees of the ``sensor`` or the ``place`` reader, or ``score``.
         samples: light paths per (fiber, facet) pair of every candidate's render.
         seed: of searches and renders.
         checkpoint: a folder; interrupted, the same call goes on from there.
         progress: called every few seconds with what is rendered; True is a bar.
     """
+    from optimize.objectives import OBJECTIVES
     from optimize.ui.console import shown_progress
     from optimize.verification import OptimizationMethod, OptimizeConfig, reference_renders
     from optimize.verification import optimize as run
@@ -456,10 +530,11 @@ def optimize(
     from render.errors import RenderError
 
     as_one_of(method, get_args(OptimizationMethod), "method", RenderError)
+    as_one_of(objective, OBJECTIVES, "objective", RenderError)
     count = as_whole(samples, "samples", RenderError, least=1)
     chosen = as_whole(seed, "seed", RenderError, least=0)
     folder = as_folder(checkpoint, "checkpoint", RenderError)
-    config = OptimizeConfig(method=method, samples=count, seed=chosen)
+    config = OptimizeConfig(method, objective, count, seed=chosen)
     with shown_progress(progress, "Optimizing") as report:
         sensor, checker = _model_of(scene, model, report)
         return run(sensor, checker, reference_renders(sensor, folder, report), config)

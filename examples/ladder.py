@@ -4,8 +4,8 @@
 
 Reads beside the thesis ("Simulation-guided Design for Vision-based Tactile Sensing on a Soft Robot
 Gripper"); equations are numbered as there. It needs numpy and the public API. It finds what
-`tactilux explore` and `tactilux verify` find of finger20: a baseline of 234 and a design of 273
-counts, in three minutes on two cores.
+`tactilux explore --objective score` and `tactilux verify` find of finger20: a baseline of 234 and a
+design of 273 counts, in three minutes on two cores.
 
 Arrays: transport ``T`` has the axes (fiber f, direction node j, bend b, site p, facet i), radiance
 in 1/(mm^2 sr) per unit power of one fiber; ``power`` (fiber, color); counts (bend, site, facet,
@@ -155,7 +155,7 @@ def main() -> None:
     bends, nodes = np.array(scene.bending.angles), chebyshev(NODES)
     baseline = tactilux.baseline_design(scene)
 
-    # Level 0: a rasterized approximation of all light paths.
+    # The preview: a rasterized approximation of all light paths.
     with tactilux.Preview(scene) as preview:
         T, _ = preview.transport(nodes, bends)
     say(f"preview: transport {T.shape}")
@@ -164,8 +164,8 @@ def main() -> None:
     exposure, lam = settings_of(interpolated(T, nodes, baseline.phi[:1])[:, 0], baseline.power)
     say(f"exposure {exposure:.0f} counts per 1/(mm^2 sr), lambda {lam:.0f}")
 
-    # Level 2 of the baseline. What the preview has wrong hardly depends on the direction, so a
-    # factor per fiber, bend, site and facet corrects it for all of them (level 1).
+    # The reference of the baseline. What the preview has wrong hardly depends on the direction: a
+    # factor per fiber, bend, site and facet corrects it for all of them: a surrogate.
     def render(design: tactilux.Design, seed: int):
         return tactilux.render_transport(
             scene, design.phi[:, None], bends, samples=arguments.samples, seeds=(seed,),

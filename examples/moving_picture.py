@@ -1,6 +1,6 @@
 """The moving picture of the README: the finger bends, under the baseline and the design found.
 
-``python examples/moving_picture.py docs/bending.gif`` draws both with the preview (level 0), the
+``python examples/moving_picture.py docs/bending.gif`` draws both with the preview, the
 skin from outside with the tip up, a pyramid pressed in at every site.
 """
 

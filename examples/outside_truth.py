@@ -103,8 +103,8 @@ def main(arguments: list[str]) -> int:
     """Print one table; 0 where every goal is met that could be asked, 2 where none could be."""
     parser = argparse.ArgumentParser(prog="python examples/outside_truth.py", description=__doc__)
     parser.add_argument("folder", type=Path, help="holds the repositories")
-    parser.add_argument("--samples", type=int, default=0, help="level 2, per cell (0: level 0)")
-    parser.add_argument("--seed", type=int, default=1, help="of level 2")
+    parser.add_argument("--samples", type=int, default=0, help="per cell, 0: the preview")
+    parser.add_argument("--seed", type=int, default=1, help="of the reference")
     chosen = parser.parse_args(arguments)
     light = partial(rendered, samples=chosen.samples, seed=chosen.seed)
     began, missed, compared = time.monotonic(), 0, 0
@@ -121,8 +121,8 @@ def main(arguments: list[str]) -> int:
     if not compared:
         print(f"Nothing could be compared: {chosen.folder} holds none of {', '.join(SOURCES)}")
         return 2
-    level = f"level 2, {chosen.samples} samples per cell, seed {chosen.seed}"
-    print(f"{level if chosen.samples else 'level 0'}, {time.monotonic() - began:.0f} s")
+    level = f"reference, {chosen.samples} samples per cell, seed {chosen.seed}"
+    print(f"{level if chosen.samples else 'preview'}, {time.monotonic() - began:.0f} s")
     return 1 if missed else 0
 
 

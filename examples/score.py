@@ -34,7 +34,7 @@ def anchors(scene: tactilux.Scene, model: tactilux.Checker) -> dict[str, Stage]:
     designs = {
         "poor": tactilux.Design.of_colors(straight, fibers % 3),
         "usable": usable,
-        "good": tactilux.explore(scene, model=model).design,
+        "good": tactilux.explore(scene, model=model, objective="score").design,
         "fooled": tactilux.Design.of_colors(straight, 0 * fibers),
     }
     return {name: rate(model, scene, name, name, "", each) for name, each in designs.items()}
@@ -55,7 +55,7 @@ def worth(scene: tactilux.Scene, model: tactilux.Checker, good: Stage) -> tuple[
         trial = tactilux.Design.of_colors(limits.nearest_directions(phi), colors)
         rated = rate(model, scene, "trial", "", "", trial)
         if rated.rating.score > ENOUGH:
-            pairs.append((rated.rating.score, rated.normal_error))
+            pairs.append((rated.rating.score, rated.reader_error))
     score, degrees = np.array(pairs).T
     slope = float(np.polyfit(score, degrees, 1)[0])
     return -slope, -float(kendalltau(score, degrees).statistic), len(pairs)
@@ -66,32 +66,33 @@ def tables(rated: Mapping[str, Stage], value: tuple[float, float, int]) -> dict[
     words = {
         "poor": "poor: red, green and blue in turn, so every place is lit by all colors",
         "usable": "usable: the baseline, one color per side",
-        "good": "good: what `tactilux explore` finds",
+        "good": "good: what `tactilux explore --objective score` finds",
         "fooled": "looks usable by S: all fibers red",
     }
     rows = [
-        "| design | what the camera sees, flat | S | mean M | spreads | normal error |",
-        "|---|---|---|---|---|---|",
+        "| design | what the camera sees, flat | S | mean M | spreads "
+        "| sensor reader | place reader |",
+        "|---|---|---|---|---|---|---|",
     ]
     for name, stage in rated.items():
         parts = stage.rating
         rows.append(
             f"| {words[name]} | ![{name}](score-{name}.png) | {parts.score:.0f} | "
             f"{parts.mean:.0f} | {parts.spread_sites:.0f}, {parts.spread_bends:.0f} | "
-            f"{stage.normal_error:.2f}° |"
+            f"{stage.reader_error:.2f}° | {stage.normal_error:.2f}° |"
         )
     usable, good = rated["usable"], rated["good"]
     gain = good.rating.score - usable.rating.score
-    saved = usable.normal_error - good.normal_error
+    saved = usable.reader_error - good.reader_error
     slope, tau, count = value
     return {
         "anchors": "\n".join(rows),
         "worth": (
-            f"From the usable to the good design, {gain:.0f} counts are worth {saved:.2f}°: "
-            f"{100 * saved / gain:.1f} hundredths of a degree each. Of {count} random designs "
-            f"around the good one, all above {ENOUGH:.0f} counts, the line of best fit has "
-            f"{100 * slope:.1f} hundredths of a degree per count, and S orders pairs of them as "
-            f"the degrees do with Kendall's tau {tau:.2f}."
+            f"From the usable to the good design, {gain:.0f} counts are worth {saved:.2f}° of "
+            f"the sensor reader: {100 * saved / gain:.1f} hundredths of a degree each. Of {count} "
+            f"random designs around the good one, all above {ENOUGH:.0f} counts, the line of best "
+            f"fit has {100 * slope:.1f} hundredths of a degree per count, and S orders pairs of "
+            f"them as the degrees do with Kendall's tau {tau:.2f}."
         ),
     }
 

@@ -1,4 +1,4 @@
-"""Rendering a tactile sensor: preview (level 0) and reference (level 2); knows no other package."""
+"""Rendering a tactile sensor: preview and reference; knows no other package."""
 
 
 def register_plugins() -> None:

@@ -1,8 +1,8 @@
 """Exposure and lambda: the scale of a scene's scores, fixed by its preview alone.
 
 Scores can only be compared on one scale, so the scale is a property of the scene. Two files of one
-hash have the same, whatever was rendered of them and however noisily. It is taken from the preview
-(level 0), which is free of noise; under a window of another index than the pad's, where that may
+hash have the same, whatever was rendered of them and however noisily. It is taken from the preview,
+which is free of noise; under a window of another index than the pad's, where that may
 lack a third of the light, from a fixed number of traced paths. Where the preview is too bright or
 too dark by a factor, renders of the baseline reach 230 counts divided or multiplied by it.
 ``tactilux train`` says how much they reach, and clipped facets are counted wherever scores are.

@@ -25,6 +25,7 @@ from render.scene import (
     Profile,
     Quantity,
     Scene,
+    Search,
     Tolerances,
 )
 
@@ -232,6 +233,8 @@ def limit_sentences(scene: Scene) -> Iterator[str]:
         yield holder.sentence
     if scene.constraints is not None:
         yield from scene.constraints.sentences(scene.palette)
+    if scene.search is not None:
+        yield from scene.search.sentences()
 
 
 def _color_axis(scene: Scene) -> str:
@@ -250,7 +253,7 @@ def _listed(title: str, sentences: tuple[str, ...]) -> list[str]:
 def _values(part: BaseModel, origins: Mapping[str, str], prefix: str = "") -> Iterator[Value]:
     for name, info in type(part).model_fields.items():
         content, key = getattr(part, name), f"{prefix}{name}"
-        if isinstance(content, Constraints | Tolerances | FreeRanges):
+        if isinstance(content, Constraints | Search | Tolerances | FreeRanges):
             continue  # told in sentences of their own
         if name == "colors" and content is not None:
             for color in content:
@@ -314,17 +317,17 @@ def _left_out(scene: Scene) -> Iterator[tuple[str, str]]:
         yield (
             "light that painted edges of the bent pad send to and fro",
             "the preview follows one reflection at an edge where the pad bends: at 45 deg facets "
-            "were off by 10 % (white) and 19 % (metal), 9 % without paint (median); level 2 aims "
-            "at no lamp over metal of a bent pad, so dim facets need many samples",
+            "were off by 10 % (white) and 19 % (metal), 9 % without paint (median); the reference "
+            "aims at no lamp over metal of a bent pad, so dim facets need many samples",
         )
     if scene.coating.lobe is None:
         yield "specular lobe of the coating", "the coating is declared Lambertian"
     else:
         yield (
-            "light that the coating's lobe sends from face to face, at level 0 as drawn",
+            "light that the coating's lobe sends from face to face, in the preview",
             "there it counts as diffuse: where coating.specular is 0.4 facets were off by 13 % "
             "at a roughness of 0.1 and by 5 % at 0.5, as without a lobe, and by 14 % at 0.2 on a "
-            "pad bent by 45 deg (median); the converged preview and level 2 follow it",
+            "pad bent by 45 deg (median); traced light and the reference follow it",
         )
     cast = [number for number, lamp in enumerate(scene.placed_lamps()) if lamp.solid]
     if cast:

@@ -22,7 +22,7 @@ from render.geometry import (
     flat_fiber_poses,
     pixel_directions,
 )
-from render.scene import OUTWARD, Profile, Scene
+from render.scene import OFF, OUTWARD, Profile, Scene
 
 LIGHT = (
     "--paper:#fff;--ink:#1c1f24;--soft:#5b616b;--clear:#e8f0f8;--milky:#d9dbe0;--plate:#cfe3dc;"
@@ -43,7 +43,8 @@ svg{{background:var(--paper);{light}}}{dark}
 .out{{stroke:var(--soft);stroke-width:.14}}.camera{{fill:var(--ink)}}
 .lens{{fill:none;stroke:var(--ink);stroke-width:.2}}
 .view{{fill:var(--ink);fill-opacity:.05;stroke:var(--soft);stroke-width:.1;stroke-dasharray:.5 .35}}
-.cone{{fill-opacity:.25}}.colored{{fill-opacity:.6}}.lamp{{stroke-width:.3}}.rule{{stroke:var(--soft);stroke-width:.12}}"""
+.cone{{fill-opacity:.25}}.colored{{fill-opacity:.6}}.lamp{{stroke-width:.3}}.dark{{fill:none;stroke:var(--soft);stroke-width:.1}}
+.rule{{stroke:var(--soft);stroke-width:.12}}"""
 CONE = 3.5
 """Length of a beam's cone, mm."""
 MARGIN, LETTERS = 2.0, 2.6
@@ -81,7 +82,7 @@ class View:
 def sensor_svg(
     scene: Scene,
     phi: Array | None = None,
-    inks: Sequence[str] | None = None,
+    inks: Sequence[str | None] | None = None,
     *,
     section: bool = True,
     dark: bool = False,
@@ -91,7 +92,8 @@ def sensor_svg(
     Arguments:
         scene: the sensor.
         phi: ``(fiber,)`` rad; None is pi/2, straight in.
-        inks: color of every lamp, as CSS has it; None draws all alike.
+        inks: color of every lamp, as CSS has it, None for one that is off; None in all draws those
+            alike that the baseline lights.
         section: whether the section stands beside the view from outside.
         dark: whether it turns dark where the reader's screen is.
     """
@@ -147,7 +149,7 @@ def _drawn_camera(scene: Scene) -> Array:
 
 
 def _drawn(
-    scene: Scene, view: View, phi: Array | None, inks: Sequence[str] | None
+    scene: Scene, view: View, phi: Array | None, inks: Sequence[str | None] | None
 ) -> Iterator[str]:
     low, high = scene.box.low, scene.box.high
     half = np.array([scene.pad.width / 2, scene.pad.length / 2, 0.0])
@@ -207,22 +209,31 @@ def _faces(scene: Scene, view: View) -> Iterator[str]:
 
 
 def _lamps(
-    scene: Scene, view: View, phi: Array | None, inks: Sequence[str] | None
+    scene: Scene, view: View, phi: Array | None, inks: Sequence[str | None] | None
 ) -> Iterator[str]:
-    """Draw every lamp's end, its cone to half of its peak radiance, and its number."""
+    """Draw every lamp's end, its cone to half of its peak radiance, and its number.
+
+    One that is off is a small circle.
+    """
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
     turned = np.full(len(lamps), np.pi / 2) if phi is None else phi
     beams = poses.directions(turned)
+    kind = "cone" if inks is None else "colored cone"
+    if inks is None:
+        inks = [None if color == OFF else "var(--lamp)" for color in scene.baseline_colors()]
     drawn = set()
     for number, (position, beam) in enumerate(zip(poses.position, beams, strict=True)):
         seen = np.round(np.concatenate([position[list(view.axes)], beam[list(view.axes)]]), 6)
         if tuple(seen) in drawn:  # one behind the other
             continue
         drawn.add(tuple(seen))
-        ink = "var(--lamp)" if inks is None else inks[number]
+        ink = inks[number]
         way = beam[list(view.axes)]
         length = float(np.hypot(*way))
         at = view.flat(position)
+        if ink is None:
+            yield f'<circle class="dark" cx="{at[0]:.3f}" cy="{at[1]:.3f}" r=".3"/>'
+            continue
         if length > 0.5:  # seen from the side, else from its front
             aim = way / length * [1.0, -1.0]
             across = np.array([-aim[1], aim[0]])
@@ -230,7 +241,7 @@ def _lamps(
             spread = _half_peak(lamps[number].profile)
             wide = end + CONE * math.tan(min(spread, math.radians(60.0))) * across
             cone = [at - end, at + end, at + CONE * aim + wide, at + CONE * aim - wide]
-            yield _path(np.array(cone), "cone" if inks is None else "colored cone", fill=ink)
+            yield _path(np.array(cone), kind, fill=ink)
             yield _path(np.array([at - end, at + end]), "lamp", closed=False, stroke=ink)
         else:
             yield (

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from pathlib import Path
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -21,10 +20,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
 from render.files import read_npz, write_npz
-
-Level = Literal["preview", "preview of few paths", "converged preview", "surrogate", "reference"]
-"""How light is known, from a picture to renders."""
-LEVELS: tuple[Level, ...] = get_args(Level)
+from render.levels import EFFORTS, LEVELS, REFERENCE, level_name, read_level
 
 OPTIONAL = ("background", "background_se", "half_difference")
 """Arrays that a table may be without."""
@@ -47,7 +43,7 @@ class TransportTable:
         exposure: counts per unit of ``sum_f power_f T_f``.
         lam: weight of M_phi in eq. (4.6).
         scene_hash: the scene that it was made for; empty for foreign tables.
-        level: one of `LEVELS`.
+        level: one of `LEVELS`; effort: one of `EFFORTS`, None where the level has none.
     """
 
     T: Array
@@ -56,15 +52,17 @@ class TransportTable:
     exposure: float
     lam: float
     scene_hash: str = ""
-    level: str = "reference"
+    level: str = REFERENCE
     bends: Array = field(default_factory=lambda: np.zeros(0))
     background: Array | None = None
     background_se: Array | None = None
     half_difference: Array | None = None
+    effort: str | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and values: a table with missing cells is refused, never patched."""
         as_one_of(self.level, LEVELS, "level", TableError)
+        as_one_of(self.effort, (None, *EFFORTS), "effort", TableError)
         for name in ("T", "se", "phi", "bends", *OPTIONAL):
             given = getattr(self, name)
             if given is not None or name not in OPTIONAL:
@@ -119,7 +117,23 @@ class TransportTable:
         """Return in one line which level it is of, and its axes."""
         axes = ("fibers", "directions", "bends", "sites", "facets", "channels")
         sizes = ", ".join(f"{n} {axis}" for n, axis in zip(self.T.shape, axes, strict=False))
-        return f"<TransportTable, {self.level}, scene {self.scene_hash or 'unknown'}: {sizes}>"
+        level = level_name(self.level, self.effort)
+        return f"<TransportTable, {level}, scene {self.scene_hash or 'unknown'}: {sizes}>"
+
+    @property
+    def with_pad(self) -> Array:
+        """``T`` with the untouched pad behind the facets, ``(..., facet + 1[, channel])``.
+
+        Raises:
+            TableError: the table has no background.
+        """
+        if self.background is None:
+            raise TableError(
+                "the table has no background, allowed: one that knows the untouched pad, which "
+                "readers see too; name the scene that it was made for",
+                field="background",
+            )
+        return np.concatenate([self.T, np.expand_dims(self.background, 4)], axis=4)
 
     @property
     def by_channel(self) -> bool:
@@ -178,6 +192,8 @@ class TransportTable:
             "scene_hash": np.array(self.scene_hash),
             "level": np.array(self.level),
         }
+        if self.effort is not None:
+            arrays["effort"] = np.array(self.effort)
         for name in OPTIONAL:
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
@@ -231,6 +247,8 @@ def load_table(path: str | Path) -> TransportTable:
     for name in ("exposure", "lam"):
         if numbers[name].size != 1:
             raise TableError(f"{path}: {name} has {numbers[name].size} values, allowed: one")
+    level, effort = (str(arrays[name]) if name in arrays else None for name in ("level", "effort"))
+    level, effort = read_level(level or REFERENCE, effort)
     return TransportTable(
         T=numbers["T"],
         se=numbers.get("se", np.zeros_like(numbers["T"])),
@@ -239,7 +257,8 @@ def load_table(path: str | Path) -> TransportTable:
         exposure=float(numbers["exposure"].item()),
         lam=float(numbers["lam"].item()),
         scene_hash=str(arrays.get("scene_hash", "")),
-        level=str(arrays.get("level", "reference")),
+        level=level,
+        effort=effort,
         **{name: numbers.get(name) for name in OPTIONAL},
     )
 

@@ -1,1 +1,1 @@
-"""Level 1 of the fidelity ladder: the preview corrected by a learned residual, as ONNX."""
+"""The surrogate: the preview corrected by traced light, and by a learned residual; as ONNX."""

@@ -31,7 +31,7 @@ COVERAGE = 0.9
 DESIGNS = 100
 """Random designs that the two previews are compared on."""
 DRAWN_FRACTION = 0.085
-"""Half-width of the preview as drawn over the baseline's mean M."""
+"""Half-width of the preview over the baseline's mean M."""
 FLAT_FLOOR, DIFFUSER_FLOOR, BENT_FLOOR = 0.005, 0.012, 0.02
 """Half-width of a followed preview over M where it and the drawn one agree: of clear pads that do
 not bend, of others with a diffuser, and of pads that bend, whose light both lose alike."""
@@ -47,7 +47,7 @@ Scores = Callable[[Array, Array], Array]
 
 
 def drawn_half_width(mean: float) -> float:
-    """Return the half-width of scores of the preview as drawn; ``mean`` is M of the baseline."""
+    """Return the half-width of scores of the preview; ``mean`` is M of the baseline."""
     return DRAWN_FRACTION * mean
 
 

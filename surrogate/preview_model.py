@@ -3,7 +3,7 @@
 Colors superpose the preview's transport at Chebyshev nodes in direction and bend; there is no
 residual. The coarse preview is the shader's, and there in seconds. Two others correct its transport
 by that of `render.preview.converged`: of few light paths, some seconds later, and the converged
-one, in one to three minutes. How far each is from level 2 was measured once
+one, in one to three minutes. How far each is from the reference was measured once
 (``tests/validation/test_preview_model.py``); `preview_interval` makes it the intervals of a scene.
 """
 
@@ -20,6 +20,7 @@ from render.arrays import Array
 from render.chebyshev import interpolation_weights
 from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.files import read_or_drop, write_npz
+from render.levels import CONVERGED, FEW_PATHS, Effort, level_name, level_of
 from render.metric import clip_counts, design_score, site_metric
 from render.preview.converged import (
     ConvergedTransport,
@@ -41,7 +42,7 @@ from surrogate.preview_interval import (
     preview_difference,
 )
 from surrogate.runtime import Checker, ModelMetadata
-from surrogate.runtime.metadata import CONVERGED, FEW_PATHS, PREVIEW, UNITS
+from surrogate.runtime.metadata import NONE, UNITS
 
 PHI_NODES, BEND_NODES = 33, 9
 VERSION = 4
@@ -52,10 +53,10 @@ COUNTS_FACTOR = 1.645
 
 @dataclass(frozen=True)
 class PreviewErrors:
-    """How far a preview is from level 2, measured on sensors that it was not made for.
+    """How far a preview is from the reference, measured on sensors that it was not made for.
 
     Arguments:
-        kind: `PREVIEW`, `FEW_PATHS` or `CONVERGED`.
+        effort: `FEW_PATHS` or `CONVERGED` of traced light, None as drawn.
         color_spread: relative, of channels of facets: the error that holds 90 % of them over
             `COUNTS_FACTOR`.
         facet_median, facet_p95: of colors, relative.
@@ -63,7 +64,7 @@ class PreviewErrors:
         kendall_tau: of its ranking of random designs.
     """
 
-    kind: str
+    effort: Effort | None
     color_spread: float
     facet_median: float
     facet_p95: float
@@ -74,10 +75,12 @@ class PreviewErrors:
     def held_out(self) -> dict[str, object]:
         """Return the errors as the metadata of a trained model has them."""
         names = ("facet_median", "facet_p95", "score_median", "score_p95", "kendall_tau")
-        return {"level": self.kind} | {name: getattr(self, name) for name in names}
+        level = level_of(self.effort)
+        about = {"name": level_name(level, self.effort), "level": level, "effort": self.effort}
+        return about | {name: getattr(self, name) for name in names}
 
 
-COARSE_ERRORS = PreviewErrors(PREVIEW, 0.22, 0.22, 0.6, 11.0, 35.0, 0.73)
+COARSE_ERRORS = PreviewErrors(None, 0.22, 0.22, 0.6, 11.0, 35.0, 0.73)
 FEW_PATHS_ERRORS = PreviewErrors(FEW_PATHS, 0.067, 0.047, 0.14, 4.0, 12.0, 0.89)
 CONVERGED_ERRORS = PreviewErrors(CONVERGED, 0.027, 0.02, 0.06, 2.0, 6.0, 0.9)
 CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
@@ -86,7 +89,7 @@ CACHED = ("log_transport", "phi", "bends", "floored_exposure_lambda")
 def preview_checker(
     scene: Scene, progress: OnProgress | None = None, *, coarse: bool = False
 ) -> Checker:
-    """Return a checker of ``scene`` on its preview alone, level 0.
+    """Return a checker of ``scene`` on its preview, without renders.
 
     The converged one, in one to three minutes; with ``coarse`` the shader's, in seconds, but for
     scenes under a window of another index than the pad's, where the shader lacks up to a third of
@@ -241,11 +244,11 @@ def _about(
         lam=scale.lam,
         conformal={"coverage": COVERAGE, "counts": COUNTS_FACTOR, "score": half_width},
         held_out=[errors.held_out()],
-        preview=grid_facts(grid),
+        preview=grid_facts(grid) | {"effort": errors.effort},
         renderer={},
         training_data_hash="",
         git_revision="",
         versions={},
-        residual={"kind": errors.kind},
+        residual={"kind": NONE},
         units=UNITS,
     )

@@ -14,6 +14,7 @@ from render.chebyshev import interpolation_weights
 from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.errors import TableError
 from render.geometry import counted_sites
+from render.levels import NETWORK
 from render.metric import THESIS, superposed
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import TimeBudget, check_rendered
@@ -186,7 +187,7 @@ def train(
         return fit, grid, time.monotonic() - fitting
 
     fit, grid, fit_seconds = fitted(reference, True)
-    if fit_time is not None and fit.kind != "network":
+    if fit_time is not None and fit.kind != NETWORK:
         # Networks that the renders do not bear out leave their time to more renders.
         left = fit_time.without_networks(rendered_seconds(run) - before)
         longer = render_longer(scene, run, reference, left, progress)

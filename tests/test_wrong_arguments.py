@@ -100,7 +100,7 @@ CASES: dict[str, Case] = {
         lambda h: {"design": h.design, "scene": h.scene, "model": h.model, "read_noise": 1.0,
                    "full_well": 1e4, "seed": 0, "progress": None},
         {"design": {"a design"}, "scene": {"a scene"}, "model": {NOTHING, "a model"},
-         "read_noise": {"a number", "a fraction"}, "full_well": {"a number"},
+         "read_noise": {NOTHING, "a number", "a fraction"}, "full_well": {NOTHING, "a number"},
          "seed": {"a number"}, "progress": {NOTHING, "true", "a class"}},
         light=False,
     ),
@@ -117,6 +117,16 @@ CASES: dict[str, Case] = {
         lambda h: tactilux.explore,
         lambda h: {"scene": h.scene, "model": h.model, "seed": 0, "progress": None},
         {"scene": {"a scene"}, "model": {NOTHING, "a model"}, "seed": {"a number"},
+         "progress": {NOTHING, "true", "a class"}},
+        light=False,
+    ),
+    "study": Case(
+        lambda h: tactilux.study,
+        lambda h: {"scene": h.scene, "vary": {"coating.albedo": [0.5]}, "coarse": True, "seed": 0,
+                   "lamps_follow": False, "objective": "place", "checkpoint": None,
+                   "progress": None},
+        {"scene": {"a scene", "another scene"}, "coarse": {"true"}, "seed": {"a number"},
+         "checkpoint": {NOTHING, "a text", "a missing file", "a folder"},
          "progress": {NOTHING, "true", "a class"}},
         light=False,
     ),
@@ -200,7 +210,8 @@ CASES: dict[str, Case] = {
         {"exposure": {"a number", "a fraction", "true"},
          "lam": {"a number", "a fraction", "true"}, "bends": {"a list"},
          "scene_hash": {"a text", "an empty text", "a text with a zero"},
-         "background": {NOTHING}, "background_se": {NOTHING}, "half_difference": {NOTHING}},
+         "background": {NOTHING}, "background_se": {NOTHING}, "half_difference": {NOTHING},
+         "effort": {NOTHING}},
     ),
     "TransportTable.at": Case(lambda h: h.table.at, lambda h: {"phi": h.design.phi}),
     "TransportTable.at_bends": Case(lambda h: h.table.at_bends, lambda h: {"bends": BENDS}),
@@ -330,7 +341,7 @@ def test_a_name_a_path_and_a_scene_are_the_same_scene(here: SimpleNamespace) -> 
 
 
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
-OF_COMMANDS = {"cli", "ui", "overnight", "frontier", "new_scene.py"}
+OF_COMMANDS = {"cli", "ui", "overnight", "frontier", "new_scene.py", "vary_command.py"}
 """Rooms and modules that commands alone use."""
 
 

@@ -1,7 +1,7 @@
 """Figs. 5.1, 5.2 and 5.3 of the thesis: baseline, colors and optimized design of finger20.
 
-Level 1 searches as `tactilux.explore` does; ``--samples`` renders the three designs as well, and
-Fig. 5.1 then shows the renders. Pictures of contacts are drawn by the preview (level 0), the tip
+The surrogate searches as `tactilux.explore` does; ``--samples`` renders the three designs as well,
+and Fig. 5.1 then shows the renders. Pictures of contacts are drawn by the preview, the tip
 up and left on the left, at the exposure of the scene.
 """
 
@@ -48,11 +48,11 @@ class Rated:
 @cache
 def found() -> Exploration:
     """Return the search, made once."""
-    return tactilux.explore(tactilux.load_scene("finger20"))
+    return tactilux.explore(tactilux.load_scene("finger20"), objective="score")
 
 
 def rated(samples: int, say: Callable[[str], None]) -> list[Rated]:
-    """Return the stages on level 1, or on renders with so many ``samples`` per cell."""
+    """Return the stages on the surrogate, or on renders with so many ``samples`` per cell."""
     entries = []
     for stage in found().stages:
         if samples == 0:

@@ -1,8 +1,8 @@
 """Figs. 3.5 and 3.6 of the thesis on the emulated rig: photographs against simulation.
 
 The thesis photographs a prototype. Here an emulated rig stands in (`hw.emulator`): its light is
-rendered by level 2, its fibers have powers and directions of their own, and its camera has noise,
-vignetting, a tilt and gains. The simulation is the preview (level 0), which is told the rig's
+rendered, its fibers have powers and directions of their own, and its camera has noise,
+vignetting, a tilt and gains. The simulation is the preview, which is told the rig's
 material and nothing else; one factor per photograph fits its brightness. What calibration finds
 of an unknown material is measured in tests/validation/RESULTS.md.
 """

@@ -52,7 +52,7 @@ class Row:
 
 
 def previewed(scene: tactilux.Scene) -> tuple[Array, Array]:
-    """Return what lamps that do not turn send to the camera, at level 0.
+    """Return what lamps that do not turn send to the camera, by the preview.
 
     From facets ``(lamp, site, facet)`` and untouched sites ``(lamp, site)``.
     """
@@ -62,7 +62,7 @@ def previewed(scene: tactilux.Scene) -> tuple[Array, Array]:
 
 
 def rendered(scene: tactilux.Scene, samples: int, seed: int) -> tuple[Array, Array]:
-    """Return the same at level 2, with ``samples`` per cell."""
+    """Return the same by the reference, with ``samples`` per cell."""
     found = tactilux.render_transport(scene, *_straight(scene), samples=samples, seeds=(seed,))
     return found.T[:, 0, 0], found.background[:, 0, 0]
 

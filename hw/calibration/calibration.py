@@ -34,6 +34,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from render.arrays import Array
 from render.errors import RenderError
 from render.files import write_bytes, write_json, write_text
+from render.levels import FEW_RENDERS, SURROGATE
 from render.preview import cache_folder
 from render.scene import RGB, Palette, Scene, load_scene, standalone
 
@@ -120,6 +121,8 @@ def calibrate_sets(
             "report": str(target / "report.html"),
             "scene_hash": {"before": scene.hash, "after": load_scene(work / "scene.toml").hash},
             "date": today,
+            "level": checker.level if confirmation is None else SURROGATE,
+            "effort": checker.effort if confirmation is None else FEW_RENDERS,
             **told(scene, found, additivity, confirmation, response),
         }
         write_text(work / "report.html", render_report(setup, result, found, measurements))
@@ -138,9 +141,7 @@ def told(
     """Return what was found, as ``calibration.json`` holds it and the report shows it."""
     power_error = np.full(len(found.power), np.nan)
     power_error[np.isfinite(found.power)] = normal_factor() * found.errors.power
-    corrected_by = "surrogate" if confirmation is None else "reference"
     return {
-        "level": f"preview corrected by the {corrected_by}",
         "material": fitted_values(scene, found),
         "power": _numbers(found.power),
         "power_error": _numbers(found.power * power_error),

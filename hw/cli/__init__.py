@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import calibrate, capture, check, demo, emulate, lights, linearity, wiring_sheet
+from hw.cli import build, calibrate, capture, check, demo, emulate, lights, linearity, wiring_sheet
 from optimize.cli import app, main
 from optimize.ui.command import Command
 
@@ -31,3 +31,4 @@ rig.command("demo", cls=Command)(demo.run)
 app.add_typer(rig)
 app.command("check", cls=Command)(check.run)
 app.command("wiring", cls=Command)(wiring_sheet.run)
+app.command("build", cls=Command)(build.run)

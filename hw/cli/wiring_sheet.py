@@ -64,7 +64,13 @@ def run(
                 )
         with fresh_directory(target) as folder:
             no_jig = write_wiring(folder, mounting, rating)
-            sheet = wiring_context(mounting, str(path), errors, wiring_files(path, no_jig))
+            sheet = wiring_context(
+                mounting,
+                str(path),
+                errors,
+                wiring_files(path, no_jig),
+                None if rating is None else rating.read,
+            )
             facts = [("Scene", f"{sensor.name}, {sensor.hash}"), ("Design", str(path))]
             page = {"scene": sensor.name, "scene_hash": sensor.hash, "bends": [0.0], "facts": facts}
             write_text(

@@ -8,7 +8,7 @@ import numpy as np
 
 from hw.errors import PowerError
 from hw.leds.board import Levels, dark
-from optimize.mounting import FULL_MILLIAMPERES, Feeds, leds_per_fiber
+from optimize.mounting import FULL_LEVEL, FULL_MILLIAMPERES, Feeds, leds_per_fiber
 from render.arrays import Array
 
 ORDERS = ("rgb", "rbg", "grb", "gbr", "brg", "bgr")
@@ -101,7 +101,7 @@ class ChannelMap:
         each = leds_per_fiber(self.colors)
         triples = np.pad(power, [(0, 0), (0, 3 * each - self.colors)]).reshape(-1, each, 3)
         lit = np.array(self.leds)[:, None] * each + np.arange(each)
-        levels[lit] = np.rint(255 * triples)[..., channel].astype(np.uint8)
+        levels[lit] = np.rint(FULL_LEVEL * triples)[..., channel].astype(np.uint8)
         return levels
 
 

@@ -38,8 +38,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Search the colors of a transport table."""
-    from optimize.design import LEVEL_NAMES, limits_of
+    from optimize.design import limits_of
     from optimize.scoring import TableScorer, score_interval
+    from render.levels import level_name
     from render.scene import load_scene
     from render.transport import load_table
 
@@ -78,7 +79,7 @@ def run(
         names = " ".join(scorer.palette.name(index) for index in result.colors)
         stream.write(
             f"{names}\nscore {result.score:.3f}, 95 % interval {low:.3f} to {high:.3f}, "
-            f"level {LEVEL_NAMES[table.level]}\n"
+            f"{level_name(table.level, table.effort)}\n"
             f"{result.evaluated} colorings in {result.seconds:.1f} s by {result.method} search, "
             f"{len(result.ties)} other(s) tie within the table's errors"
             f"{'' if result.ties_complete else ', and perhaps more'}\n"

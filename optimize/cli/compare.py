@@ -1,14 +1,15 @@
-"""``tactilux compare``: designs of one scene side by side, on its model or by renders."""
+"""``tactilux compare``: designs side by side, on their models or by renders."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from optimize.cli.options import Json, ModelFolder, SceneOfDesign
+from optimize.objectives import ERROR_KEYS
 from optimize.ui.console import (
     ProgressBar,
     counted,
@@ -18,6 +19,9 @@ from optimize.ui.console import (
     reserved_stdout,
 )
 from render.errors import DesignError
+
+if TYPE_CHECKING:
+    from optimize.comparison import DesignDifference
 
 
 def run(
@@ -37,7 +41,7 @@ def run(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compare designs: scores, and differences with intervals."""
+    """Compare designs: degrees, S, and differences with intervals."""
     from optimize.comparison import (
         LETTERS,
         compare_by_renders,
@@ -48,9 +52,9 @@ def run(
     )
     from optimize.exploration import stage_to_json
     from optimize.report import print_scores
-    from optimize.scoring import open_model, search_table
+    from optimize.scoring import open_model
     from optimize.ui.output import check_file
-    from optimize.verification import reference_renders, score_allocation
+    from optimize.verification import reference_renders
     from render.reference import ensure_llvm
 
     if not 2 <= len(paths) <= len(LETTERS):
@@ -62,9 +66,16 @@ def run(
     with reserved_stdout() as stream:
         if out is not None:
             check_file(out, (".html", ".htm"))
-        sensor, designs = name_designs(paths, scene)
-        checker = open_model(sensor, model)
-        found = compare_on_model(checker, sensor, designs)
+        designs = name_designs(paths, scene)
+        sensors = {one.scene.hash: one.scene for one in designs}
+        if model is not None and len(sensors) > 1:
+            raise DesignError(
+                f"--model {model} is of one scene, allowed: no --model with designs of "
+                f"{len(sensors)} scenes",
+                field="model",
+            )
+        models = {key: open_model(sensor, model) for key, sensor in sensors.items()}
+        found = compare_on_model(designs, models)
         files = [entry.file for entry in designs]
         if samples is not None:
             ensure_llvm()
@@ -75,43 +86,30 @@ def run(
                 f"from {checkpoint}"
             )
             with ProgressBar("Rendering the") as bar:
-                render = reference_renders(sensor, checkpoint, bar)
-                stages = found.stages
                 found = compare_by_renders(
                     found,
-                    render,
+                    lambda sensor: reference_renders(sensor, checkpoint, bar),
+                    models,
                     samples=samples,
                     seeds=range(1, seeds + 1),
-                    allocation=score_allocation(
-                        sensor,
-                        search_table(checker),
-                        stages[0].settings,
-                        [stage.design for stage in stages],
-                    ),
                 )
         if out is not None:
             write_comparison(out, found, files)
         if as_json:
             result: dict[str, object] = {
-                "scene": sensor.name,
-                "scene_hash": sensor.hash,
-                "level": found.level,
+                "level": found.stages[0].rating.level,
+                "effort": found.stages[0].rating.effort,
                 "designs": [
-                    {"name": entry.name, "file": str(entry.file), **stage_to_json(stage)}
+                    {
+                        "name": entry.name,
+                        "file": str(entry.file),
+                        "scene": entry.scene.name,
+                        "scene_hash": entry.scene.hash,
+                        **stage_to_json(stage),
+                    }
                     for entry, stage in zip(designs, found.stages, strict=True)
                 ],
-                "differences": [
-                    {
-                        "first": one.first,
-                        "second": one.second,
-                        "value": one.value,
-                        "interval": list(one.interval),
-                        "better": one.better,
-                        "recolored": one.recolored,
-                        "turned_deg": one.turned,
-                    }
-                    for one in found.differences
-                ],
+                "differences": [_difference_to_json(one) for one in found.differences],
                 "coverage": found.coverage,
                 "covers": found.covers,
                 "warnings": list(found.warnings),
@@ -127,10 +125,26 @@ def run(
         print_scores(stream, letters, found.coverage)
         print_table(
             stream,
-            "Differences in S",
-            ("pair", "in S", f"{found.coverage:.0%} interval", "verdict", "recolored", "turned"),
+            "Differences, with intervals",
+            ("pair", "sensor reader", "place reader", "score S", "verdict", "recolored", "turned"),
             difference_rows(found),
             below=found.covers,
         )
         if out is not None:
             stream.write(f"Page: {out}, open it in a browser\n")
+
+
+def _difference_to_json(one: DesignDifference) -> dict[str, object]:
+    """Return a difference for programs: degrees by reader, and S in one scene, with intervals."""
+    told: dict[str, object] = {"first": one.first, "second": one.second}
+    value, interval = one.score or (None, None)
+    told |= {"value": value, "interval": interval and list(interval)}
+    for reader, key in ERROR_KEYS.items():
+        degrees, ends = one.errors[reader]
+        told |= {f"{key}_deg": degrees, f"{key}_interval": list(ends)}
+    return told | {
+        "better": one.better,
+        "better_in_score": one.better_in_score,
+        "recolored": one.recolored,
+        "turned_deg": one.turned,
+    }

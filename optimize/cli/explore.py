@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from optimize.cli.options import Coarse, Json, ModelFolder, SceneName, Seed
+from optimize.cli.options import Coarse, Json, ModelFolder, Objective, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.errors import DesignError
-from render.progress import Progress
+from render.progress import Progress, in_stage
 
 if TYPE_CHECKING:
     from optimize.exploration import Exploration
@@ -26,19 +26,53 @@ def run(
     ] = None,
     model: ModelFolder = None,
     coarse: Coarse = False,
+    objective: Objective = None,
     seed: Seed = 0,
+    place: Annotated[
+        bool, Option("--place", help="Lamps may sit elsewhere: on [search.places], or any edge.")
+    ] = False,
+    lamps: Annotated[
+        int | None, Option(min=1, help="At most so many lit (default: as the scene says).")
+    ] = None,
     robust: Annotated[
         Literal["quantile", "spread"] | None,
-        Option(help="Against the scene's tolerances: lower 10 % quantile, or mean - spread."),
+        Option(help="S against the scene's tolerances: lower 10 % quantile, or mean - spread."),
     ] = None,
     shadow: Annotated[
-        float | None, Option(min=0.0, help="Weight of the penalty for a bolt's shadows.")
+        float | None, Option(min=0.0, help="Weight of the penalty to S for a bolt's shadows.")
     ] = None,
+    vary: Annotated[
+        list[str] | None,
+        Option(
+            metavar="KEY=LOW:HIGH:STEP",
+            help="Vary a number of the file, each value with its own best lights; repeatable.",
+        ),
+    ] = None,
+    lamps_follow: Annotated[
+        bool, Option("--lamps-follow", help="Lamps rise and sink with a pad.thickness of --vary.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Find a better lighting design in seconds."""
+    if vary or lamps_follow:
+        from optimize.dimensions.vary_command import explore_dimensions
+
+        refused = {"--model": model, "--robust": robust, "--shadow": shadow}
+        refused |= {"--place": place or None, "--lamps": lamps}
+        return explore_dimensions(
+            scene_name,
+            vary or [],
+            lamps_follow=lamps_follow,
+            out=out,
+            coarse=coarse,
+            objective=objective,
+            seed=seed,
+            as_json=as_json,
+            refused=[name for name, value in refused.items() if value is not None],
+        )
     from optimize.design import noise_words
     from optimize.exploration import explore
+    from optimize.placement import moved_sentence, searched_scene
     from optimize.report import DESIGN, print_scores, warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
@@ -55,6 +89,10 @@ def run(
     began = time.monotonic()
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        own_name = scene.name
+        place = place or bool(scene.search and scene.search.places)
+        if place or lamps is not None:
+            scene = searched_scene(scene, place=place, lamps=lamps)
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)
@@ -65,7 +103,15 @@ def run(
             raise DesignError(
                 f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"
             )
-        target = out or Path("runs") / f"{scene.name}-explore"
+        refined = robust is not None or shadow is not None
+        if refined and objective not in {None, "score"}:
+            raise DesignError(
+                f"--objective = {objective} with --robust or --shadow, which refine S, allowed: "
+                "score; leave one of them out",
+                field="objective",
+            )
+        goal = objective or ("score" if refined else "sensor")
+        target = out or Path("runs") / f"{own_name}-explore"
         check_target(target)
         earlier = design_in(target / DESIGN)
         # The pictures need OpenGL: better to miss it now than after the search.
@@ -75,14 +121,21 @@ def run(
         for last in (False, True) if twice else (True,):
             checker = open_model(scene, model, coarse=coarse) if last else first_model(scene)
             where = (
-                f"its {checker.level}{noise_words(checker.photon_noise)}"
+                f"its {checker.level_name}{noise_words(checker.photon_noise)}"
                 if checker.file is None
                 else f"the surrogate in {checker.file.parent}"
             )  # fmt: skip
             note(f"Exploring {scene.name} on {where}")
             with ProgressBar() as bar:
-                found = explore(scene, checker, seed=seed, progress=_Steps(bar))
-                if last and (robust is not None or shadow is not None):
+                found = explore(
+                    scene,
+                    checker,
+                    objective=goal,
+                    seed=seed,
+                    progress=_Steps(bar),
+                    report=in_stage(bar, f"for the {goal} reader"),
+                )
+                if last and refined:
                     bar.note("  refining for what was asked")
                     found = study_robustness(found, robust, shadow, bar)
                 bar.note("  drawing pictures and the report")
@@ -100,29 +153,36 @@ def run(
         if as_json:
             print_json(stream, result)
         else:
-            doubts = warnings(found.stages, found.ranking)
+            doubts = warnings(found.stages, found.ranking, found.objective)
             if not found.ranking.reliable:
                 stream.write(f"Note: {doubts.pop(0)}\n")
             print_scores(stream, found.stages, found.checker.coverage)
             if isinstance(found.study, RobustnessStudy):
                 print_study(stream, found.study, {e.key: e.title for e in found.stages})
+            if place:
+                stream.write(f"{moved_sentence(found)}\n")
             for warning in doubts:
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
 
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:
-    """Return what the preview of few paths found, for those who wait for more."""
+    """Return what the surrogate of few paths found, for those who wait for more."""
     from optimize.report import clipping_warning, guessing_warning, preview_warnings
 
     low, high = found.rating.interval
-    checker, last = found.checker, found.stages[-1]
+    checker, first, last = found.checker, found.stages[0], found.stages[-1]
+    read = ""
+    if found.objective != "score":
+        errors = (stage.error(found.objective) for stage in (last, first))
+        read = "{} reader {:.2f}°, baseline {:.2f}°; ".format(found.objective, *errors)
     doubts = preview_warnings(last.scene, checker.level, checker.photon_noise)
-    doubts += guessing_warning(last.scene, last.normal_error) + clipping_warning(last.clipped)
+    doubts += guessing_warning(last.scene, last.reader_error) + clipping_warning(last.clipped)
     return " ".join(
         [
-            f"First answer after {seconds:.0f} s, in {target}: score {found.rating.score:.0f} "
-            f"({low:.0f} to {high:.0f}), baseline {found.stages[0].rating.score:.0f}.",
+            f"First answer after {seconds:.0f} s, in {target}: {read}score "
+            f"{found.rating.score:.0f} ({low:.0f} to {high:.0f}), baseline "
+            f"{first.rating.score:.0f}.",
             *doubts,
             "Now for a more exact one",
         ]

@@ -191,7 +191,7 @@ def _run_many(
 
 
 HEADINGS = (
-    "level", "ready after", "per design", "color error", "no noise", "95 %", "rms, no noise",
+    "prediction", "ready after", "per design", "color error", "no noise", "95 %", "rms, no noise",
     "S off by", "tau", "S held",
 )  # fmt: skip
 
@@ -199,7 +199,7 @@ HEADINGS = (
 def _cells(row: FrontierRow) -> tuple[str, ...]:
     held = row.interval
     return (
-        row.level,
+        row.name,
         f"{row.setup_seconds + row.seconds_per_design:.2g} s",
         f"{row.seconds_per_design:.2g} s",
         f"{row.facet_median:.1%}",
@@ -217,9 +217,7 @@ def _photon_noise(rows: Sequence[FrontierRow]) -> list[str]:
     from optimize.design import noise_words
 
     return [
-        f"{row.level}{noise_words(row.photon_noise)}"
-        for row in rows
-        if row.photon_noise is not None
+        f"{row.name}{noise_words(row.photon_noise)}" for row in rows if row.photon_noise is not None
     ]
 
 
@@ -234,12 +232,12 @@ def _print(stream: IO[str], found: Frontier, folder: Path) -> None:
     )
     for said in _photon_noise(found.rows):
         stream.write(f"{said.capitalize()}.\n")
-    for level, reason in found.left_out.items():
-        stream.write(f"No row of {level}: {reason}.\n")
+    for name, reason in found.left_out.items():
+        stream.write(f"No row of {name}: {reason}.\n")
     stream.write(
         f"Reference: bidirectional, MIS, {found.plan.samples} samples per cell, "
         f"{reference.seconds:.0f} s; its scores are known to {reference.score_se:.2f} counts.\n"
-        f"S held: how many of the reference's scores a level's 90% intervals hold.\n"
+        f"S held: how many of the reference's scores a row's 90% intervals hold.\n"
         f"One design alone takes {found.seconds_alone:.0f} s at {found.plan.short[-1]} samples.\n"
         f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n"
     )
@@ -253,13 +251,18 @@ def _print_survey(stream: IO[str], found: Survey, folder: Path) -> None:
         if row is not None
     ]
     print_table(
-        stream, "All scenes", ("scene", *HEADINGS), rows, words=("scene", "level"), width=WIDTH + 20
+        stream,
+        "All scenes",
+        ("scene", *HEADINGS),
+        rows,
+        words=("scene", "prediction"),
+        width=WIDTH + 20,
     )
     print_table(
         stream,
         "Over scenes",
-        ("level", "scenes", "ready after", "per design", "color error, no noise", "worst scene",
-         "tau", "noise leaves at least", "S held"),
+        ("prediction", "scenes", "ready after", "per design", "color error, no noise",
+         "worst scene", "tau", "noise leaves at least", "S held"),
         [
             (
                 rung.rung,
@@ -281,6 +284,6 @@ def _print_survey(stream: IO[str], found: Survey, folder: Path) -> None:
             stream.write(f"{scene.scene} was not measured: {scene.failed}\n")
         for said in _photon_noise(scene.rows):
             stream.write(f"{scene.scene}: {said}.\n")
-        for level, reason in scene.left_out.items():
-            stream.write(f"{scene.scene} has no row of {level}: {reason}.\n")
+        for name, reason in scene.left_out.items():
+            stream.write(f"{scene.scene} has no row of {name}: {reason}.\n")
     stream.write(f"Plot: {folder / PLOT}\nJSON: {folder / RESULT}\n")

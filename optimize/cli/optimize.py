@@ -8,12 +8,12 @@ from typing import IO, TYPE_CHECKING, Annotated, Literal
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import MAX_MINUTES, Json, ModelFolder, SceneName, Seed
+from optimize.cli.options import MAX_MINUTES, Json, ModelFolder, Objective, SceneName, Seed
 from optimize.ui.console import ProgressBar, note, print_json, print_table, reserved_stdout
 from render.errors import SceneError
 
 if TYPE_CHECKING:
-    from optimize.verification import LoopRound, Optimization
+    from optimize.verification import Judge, LoopRound, Optimization
     from render.scene import Scene
     from surrogate.runtime import Checker
 
@@ -28,6 +28,7 @@ def run(
         Path | None, Option(help="Result directory (default: runs/<scene>-optimize).")
     ] = None,
     model: ModelFolder = None,
+    objective: Objective = None,
     rounds: Annotated[int, Option(min=1, help="Rounds of the loop at most.")] = 4,
     generations: Annotated[
         int, Option(min=1, help="Generations of the thesis's CMA-ES at most.")
@@ -92,6 +93,7 @@ def run(
                 render,
                 OptimizeConfig(
                     method,
+                    objective or ("sensor" if method == "loop" else "score"),
                     samples,
                     final_samples,
                     final_seeds,
@@ -100,7 +102,7 @@ def run(
                     seed,
                     timed=minutes is not None,
                 ),
-                on_round=lambda done: bar.note(_round_text(done)),
+                on_round=lambda done, judge: _note_round(bar, done, judge),
                 on_candidate=lambda *at: bar.note(_candidate_text(*at)),
             )
             bar.note("  drawing pictures and the report")
@@ -124,23 +126,23 @@ def _checker(scene: Scene, model: Path | None, *, required: bool) -> Checker | N
     return open_model(scene, model)
 
 
-def _round_text(done: LoopRound) -> str:
-    """Say what a round found."""
-    lines = [f"  Round {done.number}: {done.seconds:.0f} s of rendering"]
-    rows = zip(done.proposals, [None, *done.gains], done.scores, strict=True)
-    for entry, gain, measured in rows:
-        over = "" if gain is None else f", gain {gain.value:+.2f} ± {gain.se:.2f}"
-        lines.append(
-            f"    {entry.role:<10} predicted {entry.score:.2f}, rendered "
-            f"{measured.score.value:.2f} ± {measured.score.se:.2f} "
-            f"(noise takes {measured.score.value - measured.score.plain:.2f}){over}"
+def _note_round(bar: ProgressBar, done: LoopRound, judge: Judge) -> None:
+    """Say what a round found, line by line."""
+    bar.note(f"  Round {done.number}: {done.seconds:.0f} s of rendering")
+    rows = zip(done.proposals, [None, *done.gains], done.values, done.converged, strict=True)
+    for entry, gain, measured, converged in rows:
+        over = ""
+        if gain is not None:
+            over = f", over the baseline {judge.told(gain.value, '+')} ± {gain.se:.2f}"
+        bar.note(
+            f"    {entry.role:<10} predicted {judge.told(entry.score)}, rendered "
+            f"{judge.told(measured.value)} ± {measured.se:.2f} "
+            f"(with noise {judge.told(measured.plain)}){over}"
+            f"{'' if converged else ', not converged'}"
         )
     tau = done.correction.tau
     learned = f"prior {tau:g} per coefficient" if tau else "no correction that renders bear out"
-    lines.append(
-        f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}"
-    )
-    return "\n".join(lines)
+    bar.note(f"    ranking: {done.agreement.shown}; refit: {learned}, then {done.refitted.shown}")
 
 
 def _candidate_text(done: int, limit: int, best: float) -> str:
@@ -149,22 +151,27 @@ def _candidate_text(done: int, limit: int, best: float) -> str:
 
 
 def _print(stream: IO[str], scene: Scene, found: Optimization) -> None:
+    from optimize.objectives import READERS
     from optimize.report import TITLES, conclusions
 
     finalists, rows = found.finalists, []
     for name in finalists.names:
-        score = finalists.score(name).score
-        low, high = score.interval()
-        gain = ""
-        if name != "baseline":
-            over = finalists.difference("baseline", name)
-            gain = f"{over.value:+.2f} ± {over.se:.2f}"
-        measured = f"{score.value:.2f} ± {score.se:.2f}", f"{low:.2f} to {high:.2f}", gain
-        rows.append((TITLES[name], *measured, *_costs(found, name)))
+        read = [f"{finalists.error(name, reader).shown()}°" for reader in READERS]
+        gain = "" if name == "baseline" else finalists.difference("baseline", name).shown("+")
+        score = finalists.score(name).score.shown()
+        rows.append((TITLES[name], *read, score, gain, *_costs(found, name)))
     print_table(
         stream,
-        f"{scene.name}, {scene.hash}, level 2, reference",
-        ("design", "score S", "95% interval", "over baseline", "renders", "render s", "wall s"),
+        f"{scene.name}, {scene.hash}, reference",
+        (
+            "design",
+            *(f"{reader} reader" for reader in READERS),
+            "score S",
+            "over baseline",
+            "renders",
+            "render s",
+            "wall s",
+        ),
         rows,
     )
     for sentence in conclusions(found):

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from typer import Argument, BadParameter, Option
 
+from optimize.objectives import ObjectiveName
+from render.mesh_units import Unit
+
 if TYPE_CHECKING:
     from render.scene import Scene
 
@@ -26,15 +29,27 @@ ModelFolder = Annotated[
     Path | None, Option(help="Folder with checker.onnx (default: found by the scene's hash).")
 ]
 Coarse = Annotated[
-    bool, Option("--coarse", help="On the preview as drawn: seconds, not minutes, and less exact.")
+    bool, Option("--coarse", help="On the preview alone: seconds, not minutes, and less exact.")
 ]
 Bend = Annotated[float, Option(min=0.0, max=180.0, help="Total bending angle in degrees.")]
 StateName = Annotated[
     str | None, Option(help="State of the skin by its name, where the scene has states.")
 ]
+MeshUnit = Annotated[
+    Unit | None, Option(help="Unit of the file (default: what it says, or what fits the pad).")
+]
+MAX_SMOOTHING = 3.0
+"""Longest length over which skin can be told to round what is sharp, mm."""
 MAX_MINUTES = 6e5
 """Over a year: what is more is a mistake, and its rest has no date."""
 Seed = Annotated[int, Option(min=0, help="Seed of all random choices.")]
+Objective = Annotated[
+    ObjectiveName | None,
+    Option(
+        help="What improves: degrees of one reader for the whole sensor (default), of one that "
+        "knows every place, or the score S."
+    ),
+]
 Json = Annotated[bool, Option("--json", help="Print one JSON object on stdout.")]
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
 from typer import BadParameter, Option
 
-from optimize.cli.options import MAX_MINUTES, Json, SceneName, Seed
+from optimize.cli.options import MAX_MINUTES, Json, Objective, SceneName, Seed
+from optimize.objectives import ERROR_KEYS, READERS
 from optimize.ui.console import note, print_json, print_table, reserved_stdout
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ def run(
     dask: Annotated[
         str | None, Option(help="Render on the workers of a Dask scheduler, tcp://host:8786.")
     ] = None,
+    objective: Objective = None,
     seed: Seed = 0,
     as_json: Json = False,
     json_lines: Annotated[
@@ -81,6 +84,7 @@ def run(
                 hours=None if samples else hours or 8.0,
                 samples=samples,
                 seed=seed,
+                objective=objective or "sensor",
                 make_workers=make_workers,
                 lines=stream if json_lines else None,
             )
@@ -103,6 +107,7 @@ def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
         "scene": result.scene.name,
         "scene_hash": result.scene.hash,
         "level": "reference",
+        "objective": result.objective,
         "winner": result.winner,
         "design": str(target / DESIGNS / f"{result.winner}.json"),
         "report": str(target / REPORT),
@@ -113,6 +118,9 @@ def result_to_json(result: OvernightResult, target: Path) -> dict[str, object]:
                 "gain": entry.gain,
                 "gain_se": entry.gain_se,
                 "predicted": entry.predicted,
+                **{
+                    f"{key}_deg": asdict(entry.errors[reader]) for reader, key in ERROR_KEYS.items()
+                },
             }
             for entry in result.finalists
         },
@@ -130,6 +138,7 @@ def _print(stream: IO[str], result: OvernightResult, target: Path) -> None:
     rows = [
         (
             entry.title,
+            *(_pm(entry.errors[reader].value, entry.errors[reader].se, "°") for reader in READERS),
             f"{entry.score:.2f} ± {entry.se:.2f}",
             "" if entry.gain is None else f"{entry.gain:+.2f} ± {entry.gain_se:.2f}",
             f"{entry.predicted:.2f} ± {entry.predicted_reach:.2f}",
@@ -138,10 +147,20 @@ def _print(stream: IO[str], result: OvernightResult, target: Path) -> None:
     ]
     print_table(
         stream,
-        f"{result.scene.name}, {result.scene.hash}, level 2, reference",
-        ("design", "score S", "over baseline", "surrogate said"),
+        f"{result.scene.name}, {result.scene.hash}, reference",
+        (
+            "design",
+            *(f"{reader} reader" for reader in READERS),
+            "score S",
+            "over baseline",
+            "surrogate said",
+        ),
         rows,
     )
     for sentence in result.verdict:
         stream.write(sentence + "\n")
     stream.write(f"Design: {target / DESIGNS / result.winner}.json\nReport: {target / REPORT}\n")
+
+
+def _pm(value: float, se: float, unit: str) -> str:
+    return f"{value:.2f}{unit} ± {se:.2f}{unit}"

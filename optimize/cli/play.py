@@ -8,8 +8,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from optimize.cli.options import Coarse, Json, ModelFolder, SceneOfDesign
-from optimize.ui.console import note, print_json, reserved_stdout
+from optimize.cli.options import Coarse, Json, ModelFolder, Objective, SceneOfDesign
+from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
+from render.progress import in_stage
 
 
 def run(
@@ -22,6 +23,7 @@ def run(
     scene: SceneOfDesign = None,
     model: ModelFolder = None,
     coarse: Coarse = False,
+    objective: Objective = None,
     out: Annotated[Path | None, Option(help="The page (default: <scene>-play.html).")] = None,
     as_json: Json = False,
 ) -> None:
@@ -43,7 +45,11 @@ def run(
         checker = open_model(sensor, model, coarse=coarse)
         note(f"Making a page of {sensor.name}")
         command = f"tactilux play {shlex.quote(what)}" + (" --coarse" if coarse else "")
-        write_play(path, PlayPage(sensor, checker, start=start, command=command))
+        command += f" --objective {objective}" if objective else ""
+        goal = objective or "sensor"
+        page = PlayPage(sensor, checker, start=start, objective=goal, command=command)
+        with ProgressBar() as bar:
+            write_play(path, page, in_stage(bar, f"for the {goal} reader"))
         result: dict[str, object] = {
             "scene": sensor.name,
             "scene_hash": sensor.hash,

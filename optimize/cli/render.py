@@ -1,4 +1,4 @@
-"""``tactilux render``: what the camera sees, at level 0 or 2."""
+"""``tactilux render``: what the camera sees, by the preview or by the reference."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from typer import BadParameter, Option
 
 from optimize.cli.options import (
     MAX_MINUTES,
+    MAX_SMOOTHING,
     Bend,
     DesignOption,
+    MeshUnit,
     SceneName,
     Seed,
     StateName,
@@ -21,7 +23,6 @@ from optimize.cli.options import (
 )
 from optimize.ui.console import ProgressBar, note, reserved_stdout
 from render.errors import GraphicsError, RenderError, TableError
-from render.mesh_units import Unit
 
 if TYPE_CHECKING:
     from optimize.design import Design
@@ -30,13 +31,11 @@ if TYPE_CHECKING:
     from render.scene import Scene
 
 SAMPLES = 256
-"""Samples per pixel at level 2: about a minute, and 4 % of noise on the coating of `finger20`
+"""Samples per pixel of the reference: about a minute, and 4 % of noise on the coating of `finger20`
 once it is smoothed."""
 SHRINK = 3
-"""How many times fewer columns and rows than the camera's a picture at level 2 has by default."""
+"""How many times fewer columns and rows than the camera's a rendered picture has by default."""
 SIZES = 16, 4096
-MAX_SMOOTHING = 3.0
-"""Longest length over which skin can be told to round what is sharp, mm."""
 PICTURES, DATA = (".png", ".jpg", ".jpeg"), (".npz", ".exr")
 """Files for eyes, and files of linear radiance without smoothing and exposure."""
 
@@ -73,9 +72,7 @@ def run(
             "STL, PLY or OBJ file."
         ),
     ] = "pyramids",
-    unit: Annotated[
-        Unit | None, Option(help="Unit of the file (default: what it says, or what fits the pad).")
-    ] = None,
+    unit: MeshUnit = None,
     depth: Annotated[
         float | None,
         Option(min=0.01, help="How deep ball, bolt, edge or file are pressed in, mm (default: 1)."),

@@ -48,7 +48,7 @@ def run(
                     str(record.path),
                     record.kind if record.state == "finished" else f"{record.kind}, {record.state}",
                     record.scene,
-                    record.level,
+                    record.level_name,
                     *score_text(record),
                     when_text(record),
                 )

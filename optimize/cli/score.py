@@ -47,7 +47,7 @@ def run(
         ranking = RankingTest.of(checker.metadata)
         doubts = [] if ranking.reliable else [ranking.advice()]
         doubts += preview_warnings(sensor, checker.level, found.photon_noise)
-        doubts += guessing_warning(sensor, found.normal_error)
+        doubts += guessing_warning(sensor, found.reader_error)
         doubts += holder_warning(sensor, design)
         doubts += clipping_warning(found.clipped)
         if out is not None:
@@ -67,7 +67,7 @@ def run(
         for doubt in doubts:
             stream.write(f"Note: {doubt}\n")
         print_scores(stream, (first, found), checker.coverage)
-        errors = first.normal_error, found.normal_error
+        errors = first.reader_error, found.reader_error
         reads = reader_verdict(("the baseline", "the design"), errors)
         gain = found.rating.score - first.rating.score
         doubt = doubted_gain(design, ranking)

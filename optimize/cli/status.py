@@ -42,7 +42,6 @@ def run(
     if serve:
         _serve(directory, port)
         return
-    from optimize.design import LEVEL_NAMES
     from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows, status_of
 
     with reserved_stdout() as stream:
@@ -57,12 +56,7 @@ def run(
         if found.stage and found.state != "finished":
             stream.write(f"Stage: {found.stage}, {100 * found.share:.0f} %\n")
         if found.best is not None:
-            low, high = found.best["interval"]
-            level = LEVEL_NAMES.get(found.best["level"], found.best["level"])
-            stream.write(
-                f"Best so far: {found.best['score']:.2f} ({low:.2f} to {high:.2f}), level "
-                f"{level}: {found.best['design']}\n"
-            )
+            stream.write(f"Best so far: {found.best_words}\n")
         stream.write(
             f"Renders: {found.evaluations} in {duration(found.render_seconds)} of rendering\n"
             f"Worked: {duration(found.seconds)} in {counted(found.attempts, 'attempt')}\n"

@@ -72,7 +72,7 @@ def run(
         )
         for row in made.metadata.held_out:
             stream.write(
-                f"{row['level']:<24}{row['facet_median']:>15.2%}{row['score_median']:>15.3f}"
+                f"{row['name']:<24}{row['facet_median']:>15.2%}{row['score_median']:>15.3f}"
                 f"{row['kendall_tau']:>7.2f}\n"
             )
         about = made.metadata
@@ -90,8 +90,8 @@ def run(
                 "misses"
             )
             stream.write(
-                f"Note: the renders bear out no correction of the {about.preview['kind']}: the "
-                f"model is that preview{check}.\n"
+                f"Note: the renders bear out no correction: the model is the {about.preview_name}"
+                f"{check}.\n"
             )
         if unproven:
             stream.write(f"Note: {unproven}\n")
@@ -99,6 +99,5 @@ def run(
         if advice:
             stream.write(f"Note: {advice}\n")
         stream.write(
-            f"Model: {made.folder} ({about.preview['kind']}, residual: {kind}, "
-            f"{made.seconds:.0f} s)\n"
+            f"Model: {made.folder}, {about.preview_name}, residual: {kind}, {made.seconds:.0f} s\n"
         )

@@ -1,8 +1,9 @@
-"""``tactilux verify``: what level 2 says about a design, and about the surrogate."""
+"""``tactilux verify``: what renders say about a design, and about the surrogate."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -21,6 +22,7 @@ from render.errors import RenderError
 from render.progress import in_stage
 
 if TYPE_CHECKING:
+    from optimize.readers import Reading
     from optimize.scoring import JackknifeEstimate, RenderedScore
     from optimize.verification import Verification
     from render.scene import Scene
@@ -51,8 +53,8 @@ def run(
     """Render design and baseline with error bars."""
     began = time.monotonic()
     from optimize.design import open_rated
-    from optimize.reconstruction import normal_error, predicted_colors
-    from optimize.scoring import model_of_design
+    from optimize.readers import reading
+    from optimize.scoring import model_of_design, predicted_colors
     from optimize.ui.output import check_folder
     from optimize.verification import verification_within, verify
     from render.files import write_json
@@ -95,13 +97,12 @@ def run(
                 checkpoint=checkpoint,
                 progress=bar,
             )
-        errors = [
-            normal_error(candidate.scene, predicted_colors(checker, candidate.scene, design))
+        readings = [
+            reading(candidate.scene, predicted_colors(checker, design))
             for design in (candidate.baseline, candidate.design)
         ]
         result = found.to_json()
-        for name, degrees in zip(("baseline", "design"), errors, strict=True):
-            result[name]["normal_error_deg"] = degrees
+        result["surrogate"] |= asdict(readings[1].errors)
         kept = {
             **result,
             "level": "reference",
@@ -112,7 +113,7 @@ def run(
         if as_json:
             print_json(stream, result)
         else:
-            _print(stream, path, candidate.scene, checker, found, errors)
+            _print(stream, path, candidate.scene, checker, found, readings)
             stream.write(f"Renders and result: {checkpoint}\n")
 
 
@@ -122,46 +123,47 @@ def _print(
     scene: Scene,
     checker: Checker,
     found: Verification,
-    errors: list[float],
+    readings: list[Reading],
 ) -> None:
     from optimize.design import PARTS
+    from optimize.objectives import READERS
     from optimize.report import clipping_warning, guessing_warning, reader_verdict
     from optimize.scoring import prediction_checked
 
     word = scene.state_word
-    shown = PARTS[1:] if word else PARTS[1:-1]
+    shown = PARTS[2:] if word else PARTS[2:-1]
     spreads = ("spread over sites", *([f"spread over {word}s"] if word else []))
 
-    def row(name: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
+    def row(part: str, score: JackknifeEstimate, measured: RenderedScore | None) -> tuple[str, ...]:
         low, high = score.interval()
-        parts = [_pm(measured.parts[part]) if measured else "" for part in shown]
-        return name, _pm(score), f"{low:.2f} to {high:.2f}", *parts
+        read = [f"{found.error(reader, part).shown()}°" for reader in READERS]
+        parts = [measured.parts[name].shown() if measured else "" for name in shown]
+        return part.capitalize(), *read, score.shown(), f"{low:.2f} to {high:.2f}", *parts
 
     print_table(
         stream,
         f"{path}, reference (bidirectional, MIS)",
-        ("design", "score S", "95% interval", "mean M", *spreads),
+        ("design", "sensor reader", "place reader", "score S", "95% interval", *spreads),
         [
-            row("Baseline", found.baseline.score, found.baseline),
-            row("Design", found.design.score, found.design),
-            row("Difference", found.difference, None),
+            row("baseline", found.baseline.score, found.baseline),
+            row("design", found.design.score, found.design),
+            row("difference", found.difference, None),
         ],
     )
-    reads = reader_verdict(("the baseline", "the design"), (errors[0], errors[1]))
+    reads = reader_verdict(
+        ("the baseline", "the design"), (readings[0].sensor.mean, readings[1].sensor.mean)
+    )
     error, se = found.surrogate_score - found.design.score.value, found.design.score.se
     checked = prediction_checked(
         error, checker.score_half_width, se, checker.coverage, converged=not found.doubt
     )
     stream.write(
-        f"{found.conclusion}\n"
-        f"By the {checker.level} {reads}.\n"
+        "".join(f"{sentence}\n" for sentence in found.conclusions)
+        + f"By the {checker.level} {reads}.\n"
         f"The {checker.level} said {found.surrogate_score:.2f}, {checked}.\n"
         f"{counted(len(found.seeds), 'seed')}, {found.difference.replicates} replicates, "
         f"{counted(found.samples, 'sample')} per cell, {found.render_seconds:.0f} s of rendering.\n"
     )
-    for warning in guessing_warning(scene, errors[1]) + clipping_warning(found.design.clipped):
+    doubts = guessing_warning(scene, readings[1].sensor.mean)
+    for warning in doubts + clipping_warning(found.design.clipped):
         stream.write(f"Note: {warning}\n")
-
-
-def _pm(estimate: JackknifeEstimate) -> str:
-    return f"{estimate.value:.2f} ± {estimate.se:.2f}"

@@ -28,10 +28,10 @@ from optimize.design.limits import (
 )
 from optimize.design.rating import (
     CLIPPED,
-    LEVEL_NAMES,
     PARTS,
     RatedDesign,
     Rating,
+    ReadErrors,
     ScoreSettings,
     design_digest,
     level_name,

@@ -1,8 +1,8 @@
 """``design.json``: a design with its rating, written atomically and read strictly.
 
 Keys: ``schema``, ``scene``, ``scene_hash``, ``angles_deg``, ``colors`` (names), ``power`` (of each
-LED of a fiber, in the order of ``palette``, or red, green, blue where there is none), ``level``,
-``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
+LED of a fiber, in the order of ``palette``, or red, green, blue where there is none), ``level``
+and ``effort``, ``score`` (with its interval), ``lam``, ``exposure``, ``conventions``, ``versions``.
 Anything unknown, missing, out of range or made for another scene is refused.
 
 Schema 2: exposure and lam are those of the scene's preview. Files of schema 1, whose scale depended
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from codecs import BOM_UTF8
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,20 +26,21 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    WrapValidator,
     model_validator,
 )
 
 from optimize.design.design import Design
 from optimize.design.find_scene import find_scene
-from optimize.design.rating import PARTS, RatedDesign, Rating, ScoreSettings
+from optimize.design.rating import PARTS, RatedDesign, Rating, ReadErrors, ScoreSettings
 from optimize.ui.provenance import package_versions
 from render.arguments import as_kind, as_path, as_target
 from render.errors import DesignError
 from render.files import read_bytes, write_text
+from render.levels import EARLIER, Effort, Level, read_level
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import did_you_mean, in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene
-from render.transport import Level
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -60,6 +61,19 @@ class _Score(BaseModel):
     mean: float
     spread_sites: float
     spread_bends: float
+
+
+class _ReadErrors(BaseModel):
+    """What readers make of the design, see `ReadErrors`."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+    reader_error_deg: Annotated[float, Field(ge=0.0)]
+    normal_error_deg: Annotated[float, Field(ge=0.0)]
+    exposure_factor: Positive
+    gain: Annotated[float, Field(ge=1.0)]
+    saturates_deg: Annotated[
+        tuple[Annotated[float, Field(ge=0.0)] | None, ...], Field(strict=False)
+    ] = ()
 
 
 class _Palette(BaseModel):
@@ -96,8 +110,13 @@ class DesignFile(BaseModel):
     ]
     power: list[list[Power]]
     palette: _Palette | None = None
-    level: Level | None
+    level: Annotated[
+        Level | None,
+        WrapValidator(lambda c, check: c if isinstance(c, str) and c in EARLIER else check(c)),
+    ]
+    effort: Effort | None = None
     score: _Score | None
+    read: _ReadErrors | None = None
     lam: Annotated[float, Field(ge=0.0)] | None
     exposure: Positive | None
     conventions: Annotated[
@@ -127,10 +146,15 @@ class DesignFile(BaseModel):
         conventions = MetricConfig(**asdict(self.conventions))
         score = self.score.model_dump()
         settings = ScoreSettings(self.exposure, self.lam, conventions)
-        return settings.rating(self.level, score | {"score": score["value"]}, score["interval"])
+        parts = score | {"score": score["value"]}
+        rating = settings.rating(self.level, parts, score["interval"], self.effort)
+        read = None if self.read is None else ReadErrors(**self.read.model_dump())
+        return replace(rating, read=read)
 
     @model_validator(mode="after")
     def _parts_agree(self) -> DesignFile:
+        if self.level is not None:
+            self.level, self.effort = read_level(self.level, self.effort)
         lengths = {len(self.angles_deg), len(self.colors), len(self.power)}
         if len(lengths) > 1:
             raise ValueError(
@@ -287,14 +311,16 @@ def palette_in_file(palette: Palette) -> dict[str, Any]:
 
 def _rating_to_json(rating: Rating | None) -> dict[str, Any]:
     if rating is None:
-        return dict.fromkeys(("level", "score", "lam", "exposure", "conventions"))
+        return dict.fromkeys(("level", "effort", "score", "read", "lam", "exposure", "conventions"))
     return {
         "level": rating.level,
+        "effort": rating.effort,
         "score": {
             "value": rating.score,
             "interval": rating.interval,
             **{part: getattr(rating, part) for part in PARTS[1:]},
         },
+        "read": None if rating.read is None else asdict(rating.read),
         "lam": rating.settings.lam,
         "exposure": rating.settings.exposure,
         "conventions": _Conventions(**asdict(rating.settings.conventions)),

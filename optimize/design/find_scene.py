@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from render.errors import SceneError
-from render.files import parse_toml, read_text, write_bytes
+from render.files import parse_toml, read_text
 from render.scene import StandaloneScene, load_scene, shipped_scenes
 
 SCENE, RUN_MODEL = "scene.toml", "model"
@@ -18,10 +18,7 @@ def keep_scene(run: Path, scene: StandaloneScene) -> None:
 
     The files that it names come with it, so that ``run`` may go elsewhere alone.
     """
-    # The scene last: where it lies, its files do.
-    for name, content in {**scene.files, SCENE: scene.text.encode()}.items():
-        if not (run / name).is_file() or (run / name).read_bytes() != content:
-            write_bytes(run / name, content)
+    scene.write(run / SCENE)
 
 
 def kept_name(scene: StandaloneScene, run: Path) -> str:

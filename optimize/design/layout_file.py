@@ -31,7 +31,8 @@ from render.refused_values import did_you_mean, in_json
 from render.scene import OFF, Palette, Scene, load_scene
 
 KEYS = ("scene", "scene_hash", "colors", "colours", "angles_deg", "power")
-RATED = ("schema", "palette", "level", "score", "lam", "exposure", "conventions", "versions")
+SCORED = ("level", "effort", "score", "read", "lam", "exposure", "conventions")
+RATED = ("schema", "palette", "versions", *SCORED)
 """What a design file holds besides."""
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from optimize.design.design import DARK, Array, Colors, Design, baseline_design, one_led
 from render.errors import DesignError
 from render.geometry import FiberHolder
-from render.scene import OFF, RGB, Palette, Scene
+from render.scene import OFF, RGB, Constraints, Palette, Scene
 
 TURNS = 16
 """Steps in which fibers that would meet are turned upright."""
@@ -32,6 +32,7 @@ class SearchLimits:
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
         continuous_power: whether fibers may have less than ``led_power``.
         holder: in which neighboring fibers must not meet; None where nothing holds them.
+        most_lit: fibers that may be lit at once; None is all.
     """
 
     allowed: NDArray[np.bool_]
@@ -43,6 +44,7 @@ class SearchLimits:
     continuous_power: bool
     holder: FiberHolder | None = None
     palette: Palette = RGB
+    most_lit: int | None = None
 
     @property
     def may_be_off(self) -> bool:
@@ -52,7 +54,13 @@ class SearchLimits:
     @property
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
-        return bool(not self.allowed.all() or (self.led_counts < len(self.allowed)).any())
+        counted = self.led_counts < len(self.allowed)
+        return bool(not self.allowed.all() or counted.any() or self.some_stay_off)
+
+    @property
+    def some_stay_off(self) -> bool:
+        """Whether fewer fibers may be lit than there are."""
+        return self.most_lit is not None and self.most_lit < len(self.allowed)
 
     @property
     def colors_alike(self) -> bool:
@@ -77,6 +85,8 @@ class SearchLimits:
         permitted = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
         if not self.may_be_off:
             permitted &= (chosen != DARK).all(axis=1)
+        if self.most_lit is not None:
+            permitted &= (chosen != DARK).sum(axis=1) <= self.most_lit
         names = range(len(self.palette.names))
         used = np.stack([(chosen == c).sum(axis=1) for c in names], axis=1)
         return np.asarray(permitted & (used <= self.led_counts[: len(names)]).all(axis=1))
@@ -84,7 +94,8 @@ class SearchLimits:
     def nearest_colors(self, preference: Array) -> Colors:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
-        An assignment problem: every fiber takes one of the LEDs that there are.
+        An assignment problem: every fiber takes one of the LEDs that there are. Where only some may
+        be lit, LEDs beyond so many are taken by fibers that are not there.
 
         Raises:
             DesignError: no coloring is allowed.
@@ -94,10 +105,14 @@ class SearchLimits:
         choices = np.arange(self.allowed.shape[1])
         slots = np.repeat(choices, np.minimum(self.led_counts, len(self.allowed)))
         cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
+        if self.most_lit is not None:
+            leds = slots < len(self.palette.names)
+            absent = max(int(leds.sum()) - self.most_lit, 0)
+            cost = np.vstack([cost, np.tile(np.where(leds, 0.0, FORBIDDEN), (absent, 1))])
         if cost.shape[1] >= len(cost):
             row, column = linear_sum_assignment(cost)
             if cost[row, column].max() < FORBIDDEN:
-                return self.colors_of(slots[column])
+                return self.colors_of(slots[column[: len(self.allowed)]])
         raise DesignError(
             "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
             "per color",
@@ -153,6 +168,14 @@ class SearchLimits:
         nearest = np.abs(ends - phi[..., None]).argmin(axis=-1)
         return np.asarray(np.take_along_axis(ends, nearest[..., None], axis=-1)[..., 0])
 
+    def allowed_start(self, design: Design) -> Design:
+        """Return ``design`` where a search may begin at it, else the nearest one where it may."""
+        if self.colors_limited or self.directions_limited:
+            return self.nearest_design(design)
+        if not self.fits_holder(design.phi):
+            return replace(design, phi=self.nearest_directions(design.phi))
+        return design
+
     def nearest_design(self, design: Design) -> Design:
         """Return the allowed design nearest to ``design``, at full allowed power."""
         colors, choices = design.colors, self.allowed.shape[1]
@@ -200,13 +223,16 @@ def limits_of(scene: Scene) -> SearchLimits:
         DesignError: the constraints contradict each other.
     """
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
+    most_lit = scene.search.lamps if scene.search is not None else None
     straight = math.pi / 2
-    if given is None:
+    if given is None and most_lit is None:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
-    some_off = bool(given.off) or any(entry.color == OFF for entry in given.fixed)
+    given = given or Constraints()
+    may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
+    some_off = may_be_off or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
-    if some_off and not given.off:
+    if some_off and not may_be_off:
         allowed[:, -1] = False
     for entry in given.fixed:
         if entry.color is not None:
@@ -230,6 +256,7 @@ def limits_of(scene: Scene) -> SearchLimits:
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
         holder=FiberHolder.of(scene),
+        most_lit=most_lit,
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))

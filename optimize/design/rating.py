@@ -10,18 +10,10 @@ import numpy as np
 
 from optimize.design.design import Array, Design
 from optimize.design.limits import dimmed_baseline
+from render.levels import Effort, Level, level_name
 from render.metric import THESIS, MetricConfig, design_score, image_counts, score_terms, site_metric
 from render.scene import Scene
-from render.transport import Level
 
-LEVEL_NAMES: dict[str, str] = {
-    "preview": "0, preview",
-    "preview of few paths": "0, preview of few paths",
-    "converged preview": "0, converged preview",
-    "surrogate": "1, surrogate",
-    "reference": "2, reference",
-}
-"""The levels as pages and reports name them, see `level_name`."""
 CLIPPED = 0.01
 """A design with a larger fraction of saturated facets gets a warning."""
 PARTS = ("score", "mean", "spread_sites", "spread_bends")
@@ -35,11 +27,6 @@ def noise_words(photon_noise: float | None) -> str:
     ', photon noise 1.2% of the color'
     """
     return "" if photon_noise is None else f", photon noise {photon_noise:.1%} of the color"
-
-
-def level_name(level: str, photon_noise: float | None = None) -> str:
-    """Return the name of a level as pages, reports and tables have it, with its photon noise."""
-    return LEVEL_NAMES[level] + noise_words(photon_noise)
 
 
 def design_digest(scene_hash: str, design: Design) -> str:
@@ -81,19 +68,43 @@ class ScoreSettings:
         return score_terms(self.counts(transport, power), self.lam, self.conventions)
 
     def rating(
-        self, level: Level, parts: Mapping[str, float], interval: tuple[float, float]
+        self,
+        level: Level,
+        parts: Mapping[str, float],
+        interval: tuple[float, float],
+        effort: Effort | None = None,
     ) -> Rating:
         """Return the rating with the values of ``parts`` and the ``interval`` of the score."""
-        return Rating(
-            level, interval=interval, settings=self, **{name: parts[name] for name in PARTS}
-        )
+        score, mean, sites, bends = (parts[name] for name in PARTS)
+        return Rating(level, score, interval, mean, sites, bends, self, effort)
+
+
+@dataclass(frozen=True)
+class ReadErrors:
+    """By how many degrees readers miss normals, and the exposure at which they do.
+
+    Arguments:
+        reader_error_deg: of the *sensor* reader, one smooth map for the whole sensor.
+        normal_error_deg: of the *place* reader, a lookup that knows every place.
+        exposure_factor: how much brighter than at the scene's exposure the colors are.
+        gain: of the camera; the exposure time is ``exposure_factor / gain`` times the scene's.
+        saturates_deg: tilt from which on each channel saturates somewhere; None where it never
+            does, () where nobody has asked.
+    """
+
+    reader_error_deg: float
+    normal_error_deg: float
+    exposure_factor: float
+    gain: float
+    saturates_deg: tuple[float | None, ...] = ()
 
 
 @dataclass(frozen=True)
 class Rating:
     """The score of a design and its parts, in counts.
 
-    ``interval`` is that of ``score``: 90 % on the surrogate, 95 % from renders.
+    ``interval`` is that of ``score``: 90 % on the surrogate, 95 % from renders. ``read`` is what
+    readers make of the design, None where none was asked.
     """
 
     level: Level
@@ -103,6 +114,13 @@ class Rating:
     spread_sites: float
     spread_bends: float
     settings: ScoreSettings
+    effort: Effort | None = None
+    read: ReadErrors | None = None
+
+    @property
+    def level_name(self) -> str:
+        """Level and effort as people read them."""
+        return level_name(self.level, self.effort)
 
 
 @dataclass(frozen=True, eq=False)

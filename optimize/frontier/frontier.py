@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from optimize.frontier.held_out import NOMINAL, FrontierRow, HeldOutDesigns, HeldOutReference
-from optimize.frontier.predictors import FEW_RENDERS, make_predictors
+from optimize.frontier.predictors import LEARNED, make_predictors
 from render.errors import RenderError
 from render.progress import OnProgress, Progress
 from render.reference import (
@@ -171,7 +171,7 @@ def measure_frontier(
     rows = []
     for predictor in predictors.found:
         rows += levels.predictor_rows(reference, predictor, batches=renderers)
-        if predictor.level == FEW_RENDERS and predictors.table is not None:
+        if predictor.name == LEARNED and predictors.table is not None:
             rows.append(levels.table_row(reference, *predictors.table))
     names = {
         plan_samples: SHORT_RUNG.format(divisor)

@@ -15,11 +15,13 @@ from optimize.design import Array, Colors, Design, ScoreSettings
 from optimize.scoring import student_factor
 from optimize.verification import DesignRenders
 from render.geometry import with_mirror_images
+from render.levels import REFERENCE, Effort, Level
 from render.metric import design_score, site_metric
 from render.progress import OnProgress, in_stage
 from render.reference import Sampler, render_transport
 from render.scene import Scene
 from surrogate.runtime import Checker
+from surrogate.runtime.metadata import NOISE
 from surrogate.training.conformal import Comparison, Quantiles, coverage
 from surrogate.training.evaluation import ColorErrors, kendall_tau, random_colors
 
@@ -133,23 +135,25 @@ class Interval:
 
 @dataclass(frozen=True)
 class FrontierRow(ColorErrors):
-    """Errors of one level on the held-out designs; those of facets hold the reference's noise.
+    """Errors of one predictor on the held-out designs; those of facets hold the reference's noise.
 
     Arguments:
         facet_median_true: ``sqrt(max(facet_median^2 - n^2, 0))`` with the median n that noise alone
             leaves of a perfect level: exact for normal errors that are alike everywhere.
-        level: what predicted the designs.
-        rung: the same in words that all scenes share.
+        name: what predicted the designs; level, effort: of it.
+        rung: the name in words that all scenes share.
         seconds_per_design: wall time of one design, all bends.
         setup_seconds: spent once, before the first design.
         kendall_tau_interval: holds tau of 95 % of resampled sets of designs.
-        interval: how often the level's own intervals hold; None where it states none.
-        photon_noise: of its colors, relative, as a preview of followed light says it.
+        interval: how often its own intervals hold; None where it states none.
+        photon_noise: of its colors, relative, as traced light says it.
     """
 
     facet_median_true: float
-    level: str
+    name: str
     rung: str
+    level: Level
+    effort: Effort | None
     seconds_per_design: float
     setup_seconds: float
     kendall_tau_interval: tuple[float, float]
@@ -159,7 +163,7 @@ class FrontierRow(ColorErrors):
 
 @dataclass(frozen=True, eq=False)
 class HeldOutReference:
-    """Counts and scores of the held-out designs at level 2, with their error bars.
+    """Counts and scores of the held-out designs by the reference, with their error bars.
 
     Arguments:
         designs: what was rendered; settings: of the scores.
@@ -207,7 +211,7 @@ class HeldOutReference:
 
     def row(
         self,
-        level: str,
+        name: str,
         counts: Array,
         seconds: float,
         *,
@@ -219,7 +223,8 @@ class HeldOutReference:
         """Return the errors of ``counts`` ``(design, bend, site, facet, channel)``.
 
         ``seconds`` are per design, ``setup`` once. ``scores`` ``(design,)`` are given where the
-        level has better ones than those of its mean counts; ``rung`` is ``level`` unless told.
+        predictor has better ones than those of its mean counts; ``rung`` is ``name`` unless told.
+        The row is of the reference, unless who asks puts another level into it.
         """
         if scores is None:
             scores = np.asarray(design_score(site_metric(counts, self.settings.lam)).score)
@@ -231,8 +236,10 @@ class HeldOutReference:
         return FrontierRow(
             **vars(errors),
             facet_median_true=float(np.sqrt(max(errors.facet_median**2 - self.noise_median**2, 0))),
-            level=level,
-            rung=rung or level,
+            name=name,
+            rung=rung or name,
+            level=REFERENCE,
+            effort=None,
             seconds_per_design=seconds,
             setup_seconds=setup,
             kendall_tau_interval=(low, high),
@@ -267,14 +274,15 @@ class HeldOutReference:
         noisy = self._noisy(rng)
         scores = self.scores + self.scores_noise * rng.standard_normal(len(self.scores))
         seconds = self.seconds / len(self.scores)
-        row = self.row("noise of the reference", noisy, seconds, scores=scores)
+        row = self.row(NOISE, noisy, seconds, scores=scores)
         return replace(row, kendall_tau=self.noise_tau)
 
     def to_json(self) -> dict[str, object]:
         """Return how well it is known, and the scores."""
         noise = np.linalg.norm(self.counts_se, axis=-1) / np.linalg.norm(self.counts, axis=-1)
         return {
-            "level": "reference (bidirectional, MIS)",
+            "level": REFERENCE,
+            "name": "reference (bidirectional, MIS)",
             "replicates": self.replicates,
             "seconds": self.seconds,
             "facet_se_median": float(np.median(noise)),

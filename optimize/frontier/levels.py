@@ -14,9 +14,10 @@ from pydantic import TypeAdapter
 
 from optimize.design import Array
 from optimize.frontier.held_out import FrontierRow, HeldOutReference, Interval
-from optimize.frontier.predictors import SHIPPED, TABLE, Predictor
+from optimize.frontier.predictors import SHIPPED, SUPERPOSED, Predictor
 from render.chebyshev import interpolation_weights
 from render.files import read_sealed, write_json
+from render.levels import TABLE, Effort, level_of
 from render.metric import clip_counts, image_counts
 from render.progress import OnProgress, Progress
 from render.reference import Sampler
@@ -38,7 +39,8 @@ Counts = Callable[[Array, Array], Array]
 
 def timed_row(
     reference: HeldOutReference,
-    level: str,
+    name: str,
+    effort: Effort | None,
     counts: Counts,
     setup: float,
     batch: int = 1,
@@ -58,23 +60,26 @@ def timed_row(
         counts(*call)
         seconds.append((time.perf_counter() - began) / batch)
     values = np.asarray(counts(phi, power))
-    return reference.row(level, values, float(np.median(seconds)), setup=setup, interval=interval)
+    row = reference.row(name, values, float(np.median(seconds)), setup=setup, interval=interval)
+    return replace(row, level=level_of(effort), effort=effort)
 
 
 def predictor_rows(
     reference: HeldOutReference, predictor: Predictor, *, batches: bool
 ) -> list[FrontierRow]:
-    """Return the row of a level, one design a call; of the shipped model also in ``batches``."""
-    checker = predictor.checker
+    """Return the row of a predictor, one design a call; of the shipped model in ``batches`` too."""
+    checker, setup = predictor.checker, predictor.seconds
+    name, effort = predictor.name, predictor.effort
 
     def counts(phi: Array, power: Array) -> Array:
         return checker.run(phi, power, reference.designs.bends)["counts"].astype(np.float64)
 
-    held, level, setup = reference.coverage(checker), predictor.level, predictor.seconds
-    row = timed_row(reference, level, counts, setup, interval=held)
+    held = reference.coverage(checker)
+    row = timed_row(reference, name, effort, counts, setup, interval=held)
     rows = [replace(row, photon_noise=checker.photon_noise)]
-    if batches and level == SHIPPED:
-        rows.append(timed_row(reference, f"{level}, batches of {BATCH}", counts, setup, BATCH))
+    if batches and name == SHIPPED:
+        name += f", batches of {BATCH}"
+        rows.append(timed_row(reference, name, effort, counts, setup, BATCH))
     return rows
 
 
@@ -88,7 +93,7 @@ def table_row(reference: HeldOutReference, table: TransportTable, setup: float) 
         light = np.einsum("dfj,fjask...->dfask...", weights, cells, optimize=True)
         return np.asarray(image_counts(light, power, reference.settings.exposure))
 
-    return timed_row(reference, TABLE, counts, setup)
+    return timed_row(reference, SUPERPOSED, TABLE, counts, setup)
 
 
 def short_rows(

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from optimize.report import drawing, png_bytes
-from surrogate.runtime.metadata import FEW_PATHS
+from render.levels import CONVERGED, FEW_PATHS, FEW_RENDERS, SURROGATE, TABLE, level_name
 
 if TYPE_CHECKING:
     from optimize.frontier.frontier import Frontier
@@ -17,20 +17,19 @@ if TYPE_CHECKING:
 
 GROUPS = {
     "preview": "#c46a1b",
-    FEW_PATHS: "#a8407a",
-    "converged": "#e0a04b",
-    "few": "#7b5bb0",
-    "table": "#5b616b",
+    level_name(SURROGATE, FEW_PATHS): "#a8407a",
+    level_name(SURROGATE, CONVERGED): "#e0a04b",
+    level_name(SURROGATE, FEW_RENDERS): "#7b5bb0",
+    level_name(SURROGATE, TABLE): "#5b616b",
     "checker": "#1f6fb2",
     "surrogate": "#1f6fb2",
-    "transport": "#5b616b",
     "1/32": "#8cc9a6",
     "1/8": "#2b8a57",
     "bidirectional": "#2b8a57",
     "PSSMLT": "#7aa83a",
     "volpath": "#a33a5a",
 }
-"""Color by a level's name, or its first word."""
+"""Color by a row's name, or its first word."""
 
 
 FLOOR = 5e-4
@@ -40,14 +39,14 @@ BOUNDS = 0.87, 0.93
 
 
 def draw_levels(axes: Axes, rows: Sequence[tuple[str, float, float, float]]) -> None:
-    """Draw a numbered dot per level, both axes logarithmic, with a line to the 95th percentile.
+    """Draw a numbered dot per row, both axes logarithmic, with a line to the 95th percentile.
 
-    The rows are ``(level, seconds, median, p95)``, errors as fractions; they are numbered from 1.
+    The rows are ``(name, seconds, median, p95)``, errors as fractions; they are numbered from 1.
     """
-    for number, (level, seconds, median, p95) in enumerate(rows, start=1):
-        color = _color(level)
+    for number, (name, seconds, median, p95) in enumerate(rows, start=1):
+        color = _color(name)
         axes.plot([seconds, seconds], [100 * median, 100 * p95], "-", color=color, lw=0.8)
-        label, at = f"{number}  {level}", (seconds, 100 * median)
+        label, at = f"{number}  {name}", (seconds, 100 * median)
         axes.plot([seconds], [100 * median], "o", color=color, markersize=6, label=label)
         axes.annotate(str(number), at, xytext=(0, -12), textcoords="offset points", ha="center")
     axes.set_xscale("log")
@@ -63,10 +62,10 @@ def draw_levels(axes: Axes, rows: Sequence[tuple[str, float, float, float]]) -> 
     axes.set_ylabel("error of facet colors, %\nmedian (dot) to 95th percentile")
 
 
-def _color(level: str) -> str:
-    if level in GROUPS:
-        return GROUPS[level]
-    return GROUPS.get(level.replace(",", " ").replace(".", " ").split()[0], "black")
+def _color(name: str) -> str:
+    if name in GROUPS:
+        return GROUPS[name]
+    return GROUPS.get(name.replace(",", " ").replace(".", " ").split()[0], "black")
 
 
 def frontier_png(frontier: Frontier) -> bytes:
@@ -75,7 +74,7 @@ def frontier_png(frontier: Frontier) -> bytes:
         axes = figure.add_subplot()
         rows = sorted(frontier.rows, key=lambda row: row.seconds_per_design)
         draw_levels(
-            axes, [(r.level, r.seconds_per_design, r.facet_median, r.facet_p95) for r in rows]
+            axes, [(r.name, r.seconds_per_design, r.facet_median, r.facet_p95) for r in rows]
         )
         noise = 100 * frontier.noise.facet_median
         axes.axhline(noise, color="#8a8f98", lw=0.8, ls="--", label="noise of the reference")

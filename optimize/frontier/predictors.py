@@ -21,19 +21,32 @@ from optimize.design import ScoreSettings
 from render.choose_exposure import scene_scale
 from render.errors import RenderError, SceneError, TableError
 from render.files import read_json, write_json
+from render.levels import (
+    CONVERGED,
+    FEW_PATHS,
+    FEW_RENDERS,
+    PREVIEW,
+    SURROGATE,
+    TABLE,
+    Effort,
+    level_name,
+    level_of,
+    read_level,
+)
 from render.progress import OnProgress, in_stage
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.preview_model import few_paths_checker, preview_checker
 from surrogate.runtime import Checker
-from surrogate.runtime.metadata import CONVERGED, FEW_PATHS, PREVIEW
 
 if TYPE_CHECKING:  # torch comes with it
     from surrogate.train import TrainConfig
 
 SETUP, CACHE, FEW, TABLE_FILE = "setup.json", "cache", "few", "reference.npz"
-FEW_RENDERS = "few renders"
-SHIPPED, TABLE = "checker.onnx", "table of few renders"
+SHIPPED = "checker.onnx"
+TRACED = level_name(SURROGATE, FEW_PATHS), level_name(SURROGATE, CONVERGED)
+LEARNED, SUPERPOSED = level_name(SURROGATE, FEW_RENDERS), level_name(SURROGATE, TABLE)
+"""Few renders: what they teach, and themselves."""
 SCALE_TOLERANCE = 1e-2
 """Relative difference of exposure or lambda from which scores are on another scale.
 
@@ -44,11 +57,12 @@ percent, and a score by half of that.
 
 @dataclass(frozen=True)
 class Predictor:
-    """A level that answers at once after ``seconds`` of set-up."""
+    """What answers at once after ``seconds`` of set-up, with its stated effort."""
 
-    level: str
+    name: str
     checker: Checker
     seconds: float
+    effort: Effort | None = None
 
 
 @dataclass
@@ -58,8 +72,8 @@ class Predictors:
     Arguments:
         settings: exposure and lambda.
         found: the levels that the scene has.
-        table: the renders behind the level `FEW_RENDERS`, and their seconds, if there are any.
-        left_out: why the scene lacks a level, by its name.
+        table: the renders behind `LEARNED`, and their seconds, if there are any.
+        left_out: why the scene lacks one, by its name.
     """
 
     settings: ScoreSettings
@@ -90,32 +104,32 @@ def make_predictors(
         GraphicsError: no OpenGL library can draw.
     """
     setup = _Setup(folder, scene)
-    if not {FEW_PATHS, CONVERGED} <= setup.seconds.keys():
+    if not set(TRACED) <= setup.seconds.keys():
         shutil.rmtree(folder / CACHE, ignore_errors=True)
     with _own_cache(folder / CACHE):
         levels = Predictors(ScoreSettings(1.0, 0.0))
-        previews: dict[str, Callable[[], Checker]] = {}
+        previews: dict[Effort | None, Callable[[], Checker]] = {}
         if scene.window_refracts:
             levels.left_out[PREVIEW] = "the shader lacks the light that a window guides"
         else:
-            previews[PREVIEW] = lambda: preview_checker(scene, report, coarse=True)
+            previews[None] = lambda: preview_checker(scene, report, coarse=True)
         previews[FEW_PATHS] = lambda: few_paths_checker(scene, report)
         previews[CONVERGED] = lambda: preview_checker(scene, report)
         seconds = 0.0
-        for level, make in previews.items():
+        for effort, make in previews.items():
             # One after the other, as `tactilux explore` has them.
-            made = setup.timed(level, make)
+            made = setup.timed(level_name(level_of(effort), effort), make)
             seconds += made.seconds
-            levels.found.append(Predictor(level, made.checker, seconds))
+            levels.found.append(replace(made, seconds=seconds, effort=effort))
         scale = scene_scale(scene)
         levels.settings = ScoreSettings(scale.exposure, scale.lam)
         try:
             few = _few_renders(setup, seed, config, report)
         except (RenderError, SceneError, TableError) as error:
-            levels.left_out |= {FEW_RENDERS: str(error), TABLE: str(error)}
+            levels.left_out |= {LEARNED: str(error), SUPERPOSED: str(error)}
         else:
-            following = setup.seconds.get(CONVERGED, 0.0)
-            levels.found.append(Predictor(FEW_RENDERS, few.checker, following + few.seconds))
+            tracing = setup.seconds.get(TRACED[-1], 0.0)
+            levels.found.append(replace(few, seconds=tracing + few.seconds))
             _take_table(levels, scene, folder, few.checker)
     _take_shipped(levels, scene, shipped)
     return levels
@@ -124,7 +138,7 @@ def make_predictors(
 def _take_table(levels: Predictors, scene: Scene, folder: Path, few: Checker) -> None:
     """Add the renders of the model of few renders, as they are; ranges of material have many."""
     if scene.free is not None:
-        levels.left_out[TABLE] = "the scene leaves its material free, and a table knows one"
+        levels.left_out[SUPERPOSED] = "the scene leaves its material free, and a table knows one"
         return
     table = load_table(folder / f"{FEW}-training" / TABLE_FILE)
     levels.table = table, float(str(few.metadata.renderer.get("seconds", 0.0)))
@@ -140,7 +154,7 @@ def _take_shipped(levels: Predictors, scene: Scene, shipped: Checker | None) -> 
         levels.left_out[SHIPPED] = "its scores are on the scale of another material"
         return
     rendering = float(str(shipped.metadata.renderer.get("seconds", 0.0)))
-    levels.found.append(Predictor(SHIPPED, shipped, rendering))
+    levels.found.append(Predictor(SHIPPED, shipped, rendering, shipped.effort))
 
 
 def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgress) -> Predictor:
@@ -156,16 +170,17 @@ def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgre
         return Checker.for_scene(folder, setup.scene)
 
     if setup.few == key:
-        return Predictor(FEW_RENDERS, Checker.for_scene(folder, setup.scene), setup.seconds[key])
+        kept = Checker.for_scene(folder, setup.scene)
+        return Predictor(LEARNED, kept, setup.seconds[key], FEW_RENDERS)
     # One that is cut off may leave the model of one request beside the renders of another.
     setup.few_is_of("")
     made = setup.timed(key, trained)
     setup.few_is_of(key)
-    return replace(made, level=FEW_RENDERS)
+    return replace(made, name=LEARNED, effort=FEW_RENDERS)
 
 
 class _Setup:
-    """Seconds that levels took to be ready, kept in a folder: of the first time, without caches.
+    """Seconds until predictors were ready, kept in a folder: of the first time, without caches.
 
     ``few`` is the request whose model and renders lie in the folder `FEW`, empty where none do.
     """
@@ -176,7 +191,8 @@ class _Setup:
         kept = read_json(folder / SETUP)
         if kept.pop("scene_hash", None) == scene.hash:
             self.few = str(kept.pop(FEW, ""))
-            self.seconds = {key: float(str(value)) for key, value in kept.items()}
+            names = {key: level_name(*read_level(key)) for key in kept}
+            self.seconds = {names[key]: float(str(value)) for key, value in kept.items()}
         else:
             self._write()
 
@@ -185,14 +201,14 @@ class _Setup:
         self.few = key
         self._write()
 
-    def timed(self, level: str, make: Callable[[], Checker]) -> Predictor:
+    def timed(self, name: str, make: Callable[[], Checker]) -> Predictor:
         """Return what ``make`` makes, with the seconds that it took the first time."""
         began = time.perf_counter()
         checker = make()
-        if level not in self.seconds:
-            self.seconds[level] = time.perf_counter() - began
+        if name not in self.seconds:
+            self.seconds[name] = time.perf_counter() - began
             self._write()
-        return Predictor(level, checker, self.seconds[level])
+        return Predictor(name, checker, self.seconds[name])
 
     def _write(self) -> None:
         about = {"scene_hash": self.scene.hash, FEW: self.few}

@@ -3,11 +3,13 @@
 from optimize.mounting.jig import JigError, Mesh, drilling_jig, stl_bytes
 from optimize.mounting.mounting import (
     ANGLE_STEP,
+    FULL_LEVEL,
     FULL_MILLIAMPERES,
     ErrorCost,
     Feeds,
     MountedFiber,
     Mounting,
+    empty_places,
     leds_per_fiber,
     mount,
     mounting_error_costs,

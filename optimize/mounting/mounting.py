@@ -14,8 +14,9 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from optimize.design import Design, limits_of
+from optimize.design import DARK, Design, limits_of
 from optimize.robust import (
     MATERIALS,
     material_slopes,
@@ -32,6 +33,8 @@ from surrogate.runtime import Checker
 
 FULL_MILLIAMPERES = 20.0
 """Of one channel of one LED at full power."""
+FULL_LEVEL = 255
+"""Of a channel, as boards are told."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,8 @@ class MountedFiber:
     its beam; the fiber leaves the pad the other way. ``angle_deg`` is phi: 90 points straight in, 0
     to the tip on the sides and to the right on the tip edge; ``found_deg`` is what the search
     chose. ``tilt_deg`` leads out of the plane, towards the coating if positive. ``channel`` counts
-    the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`.
+    the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`. ``level`` is what
+    the board is told, 0 to 255, in proportion to the power.
     """
 
     fiber: int
@@ -100,6 +104,7 @@ class MountedFiber:
     color: str
     power: float
     current_ma: float
+    level: int
     led: int
     channel: int | None
 
@@ -113,7 +118,7 @@ class Mounting:
         found: the design before rounding.
         design: the design as mounted.
         step: of its angles, deg; 0 where they are as found.
-        fibers: the rows of the sheet.
+        fibers: the rows of the sheet, without `empty_places`.
         score_found, score: S of both, in counts; None where nobody rated them.
         prices: counts that every step (deg) of `PRICED_STEPS` from ``step`` on costs.
     """
@@ -196,9 +201,11 @@ def _rounded(scene: Scene, design: Design, step: float) -> Design:
 
 def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[MountedFiber, ...]:
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
-    beams = poses.directions(design.phi)
+    beams, empty = poses.directions(design.phi), empty_places(scene, design)
     rows = []
     for i, (edge, color) in enumerate(zip(fiber_edges(scene), design.color_names, strict=True)):
+        if empty[i]:
+            continue
         x, y, z = (round(float(v), 3) for v in poses.position[i])
         towards = [round(float(v), 4) + 0.0 for v in beams[i]]
         angle = round(float(np.degrees(design.phi[i])), 2)
@@ -223,11 +230,18 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
                 color=color,
                 power=round(power, 3),
                 current_ma=round(power * FULL_MILLIAMPERES, 1),
+                level=round(FULL_LEVEL * power),
                 led=led,
                 channel=None if color == OFF else 3 * led + place,
             )
         )
     return tuple(rows)
+
+
+def empty_places(scene: Scene, design: Design) -> NDArray[np.bool_]:
+    """Return which lamps ``(F,)`` neither the baseline nor ``design`` lights: nothing is there."""
+    baseline = np.array([color == OFF for color in scene.baseline_colors()])
+    return np.asarray(baseline & (design.colors == DARK))
 
 
 def leaning(edge: str, angle: float) -> str:

@@ -8,18 +8,26 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from optimize.design import RUN_MODEL
+from optimize.objectives import READERS, ObjectiveName, unit_of
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import LoopOutcome
-from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
+from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult, RenderedFigure
 from optimize.overnight.status import status_of
+from optimize.readers import CameraModel, expected_error
 from optimize.report import parts_moved
-from optimize.scoring import predict_design, prediction_checked, student_factor
+from optimize.scoring import (
+    predict_design,
+    predicted_colors,
+    prediction_checked,
+    student_factor,
+)
 from optimize.ui.provenance import package_versions
-from optimize.verification import FinalistEvaluation
+from optimize.verification import FinalistEvaluation, Judge
 from render.leave_one_out import jackknife_se
 from render.preview import Preview
 from render.scene import Scene
 from surrogate.runtime import MODEL_FILE, Checker, sha256
+from surrogate.runtime.metadata import NOISE
 
 
 def conclude(
@@ -34,10 +42,10 @@ def conclude(
     winner = evaluation.best("winner")
     replicates = len(evaluation.renders.replicates)
     verdict = [
-        *outcome(context.scene, finalists, winner, replicates),
+        *outcome(context.scene, finalists, winner, replicates, context.objective),
         *(
             evaluation.comparison(other, winner)
-            for other in ("winner", "runner-up", "thesis", "colors")
+            for other in ("winner", "runner-up", "thesis", "colors", "score")
             if other in evaluation.names and other != winner
         ),
         surrogate_sentence(finalists, winner),
@@ -45,11 +53,12 @@ def conclude(
     ]
     return OvernightResult(
         scene=context.scene,
+        objective=context.objective,
         replicates=replicates,
         finalists=tuple(finalists),
         winner=winner,
         verdict=tuple(dict.fromkeys(verdict)),
-        steps=_steps(loop_outcome, finalists),
+        steps=_steps(loop_outcome, finalists, evaluation.judge),
         trade=tuple(
             timed_levels(
                 context.scene,
@@ -70,15 +79,28 @@ def _finalist(
     counts, counts_se = evaluation.renders.counts(settings, index)
     predicted = predict_design(checker, design, context.bends)
     gain = None if name == "baseline" else evaluation.difference("baseline", name)
+    said = predicted_colors(checker, design)[None]
+    errors, camera = {}, CameraModel.of(context.scene)
+    for reader in READERS:
+        error = evaluation.error(name, reader)
+        more = None if gain is None else evaluation.error_difference("baseline", name, reader)
+        errors[reader] = RenderedFigure(
+            value=error.value,
+            se=error.se,
+            gain=None if more is None else more.value,
+            gain_se=None if more is None else more.se,
+            predicted=float(expected_error(reader, context.scene, camera).degrees(said)[0]),
+        )
     return Finalist(
         key=name,
         design=design,
-        rating=evaluation.score(name).rating,
+        rating=evaluation.rating(name),
         se=evaluation.score(name).score.se,
         gain=None if gain is None else gain.value,
         gain_se=None if gain is None else gain.se,
         predicted=float(predicted["score"]),
         predicted_reach=checker.score_half_width,
+        errors=errors,
         counts=counts,
         counts_se=counts_se,
         predicted_counts=predicted["counts"],
@@ -88,32 +110,54 @@ def _finalist(
     )
 
 
-def outcome(scene: Scene, finalists: Sequence[Finalist], winner: str, replicates: int) -> list[str]:
+def outcome(
+    scene: Scene,
+    finalists: Sequence[Finalist],
+    winner: str,
+    replicates: int,
+    objective: ObjectiveName,
+) -> list[str]:
     """Return how much better the design is that is handed over, and what that is made of."""
     entries = {entry.key: entry for entry in finalists}
     first, last, colors = entries["baseline"], entries[winner], entries.get("colors")
-    if last.gain is None or last.gain_se is None:
-        return [
-            f"Nothing that was rendered beats the baseline, which scores {first.score:.1f} ± "
-            f"{first.se:.1f}."
-        ]
+    before, after = first.figure(objective), last.figure(objective)
+    unit, digits = unit_of(objective), 1 if objective == "score" else 2
+
+    def pm(figure: RenderedFigure) -> str:
+        return f"{figure.value:.{digits}f}{unit} ± {figure.se:.{digits}f}{unit}"
+
+    if after.gain is None or after.gain_se is None:
+        has = "which scores" if objective == "score" else f"read by the {objective} reader to"
+        return [f"Nothing that was rendered beats the baseline, {has} {pm(before)}."]
+    both = f"The design scores {pm(after)}; the baseline scores {pm(before)}."
+    if objective != "score":
+        both = (
+            f"The {objective} reader misses surface normals of the design by {pm(after)}, those of "
+            f"the baseline by {pm(before)}."
+        )
     if not (first.converged and last.converged):
-        return [
-            f"The design scores {last.score:.1f} ± {last.se:.1f}; the baseline scores "
-            f"{first.score:.1f} ± {first.se:.1f}. Renders that have not converged do not say which "
-            "one is better."
-        ]
-    half = student_factor(replicates) * last.gain_se
+        return [f"{both} Renders that have not converged do not say which one is better."]
+    half = student_factor(replicates) * after.gain_se
+    low, high = (f"{end:.{digits}f}{unit}" for end in (after.gain - half, after.gain + half))
     sentences = [
-        f"The design scores {last.score:.1f} ± {last.se:.1f}; the baseline scores "
-        f"{first.score:.1f} ± {first.se:.1f}. Rendered with the same seeds, the gain is "
-        f"{last.gain:.1f} ({last.gain / abs(first.score):+.0%}), and its 95% interval reaches "
-        f"from {last.gain - half:.1f} to {last.gain + half:.1f}."
+        f"{both} Rendered with the same seeds, the {'gain' if not unit else 'difference'} is "
+        f"{after.gain:.{digits}f}{unit} ({after.gain / abs(before.value):+.0%}), and its 95% "
+        f"interval reaches from {low} to {high}."
     ]
-    if winner != "colors" and colors and colors.gain and 0 < colors.gain < last.gain:
+    if objective != "score":
+        others = [
+            f"the {reader} reader misses {last.errors[reader].value:.2f}° "
+            f"({first.errors[reader].value:.2f}° with the baseline)"
+            for reader in READERS
+            if reader != objective
+        ]
+        others.append(f"S is {last.score:.1f} ({first.score:.1f} of the baseline)")
+        said = " and ".join(others)
+        return [*sentences, f"{said[0].upper()}{said[1:]}."]
+    if winner != "colors" and colors and colors.gain and 0 < colors.gain < after.gain:
         sentences.append(
             f"Of the gain, {colors.gain:+.1f} came with the colors alone, every fiber pointing "
-            f"straight in, and {last.gain - colors.gain:+.1f} with the directions."
+            f"straight in, and {after.gain - colors.gain:+.1f} with the directions."
         )
     return [*sentences, parts_moved(scene, first.rating, last.rating)]
 
@@ -134,17 +178,22 @@ def surrogate_sentence(finalists: Sequence[Finalist], winner: str) -> str:
 
 
 def _steps(
-    loop_outcome: LoopOutcome, finalists: Sequence[Finalist]
+    loop_outcome: LoopOutcome, finalists: Sequence[Finalist], judge: Judge
 ) -> tuple[ConvergencePoint, ...]:
     """Return what was rendered on the way, for the convergence plot."""
     rounds = [
-        (f"round {done.number}", entry.role, rendered.score, entry.score)
+        (f"round {done.number}", entry.role, rendered, entry.score)
         for done in loop_outcome.rounds
-        for entry, rendered in zip(done.proposals, done.scores, strict=True)
+        for entry, rendered in zip(done.proposals, done.values, strict=True)
     ]
+    sign = judge.sign
+    final = [(entry.key, entry.figure(judge.objective)) for entry in finalists]
     return (
-        *(ConvergencePoint(step, role, s.value, s.se, said) for step, role, s, said in rounds),
-        *(ConvergencePoint("final", e.key, e.score, e.se, e.predicted) for e in finalists),
+        *(
+            ConvergencePoint(step, role, sign * found.value, found.se, sign * said)
+            for step, role, found, said in rounds
+        ),
+        *(ConvergencePoint("final", key, f.value, f.se, f.predicted) for key, f in final),
     )
 
 
@@ -191,24 +240,24 @@ def timed_levels(
 
     ``render_seconds`` are those of renders as noisy as the ones that the model was trained with.
     """
-    held = {str(row["level"]): row for row in checker.metadata.held_out}
+    about, own = checker.metadata, checker.metadata.own_errors
+    held = {str(row["name"]): row for row in about.held_out}
     bends = np.array(scene.state_axis)
     phi = np.full((1, scene.lamp_count), np.pi / 2)
     power = np.ones((1, scene.lamp_count, 3))
     with Preview(scene) as preview:
         drawn = _median_seconds(lambda: preview.transport(phi[0, :1], bends))
     found = _median_seconds(lambda: checker.run(phi, power, bends))
-    rows = [("preview", drawn, "preview")]
-    rows += [("surrogate", found, checker.metadata.own_level)]
+    # A model whose renders bear nothing out is its preview: one row.
+    rows = {about.preview_name: (drawn, held.get(about.preview_name))}
+    rows[checker.level_name] = found, own
     if len(render_seconds):
-        seconds = float(np.median(render_seconds))
-        rows += [("a render of one round", seconds, "noise of the reference")]
+        rows["a render of one round"] = float(np.median(render_seconds)), held.get(NOISE)
     keys = ("facet_median", "facet_p95", "score_median", "kendall_tau")
-    errors = {name: [float(held[name][key]) for key in keys] for *_, name in rows if name in held}
     return [
-        (title, seconds, *errors[name])  # type: ignore[misc]
-        for title, seconds, name in sorted(rows, key=lambda row: row[1])
-        if name in errors
+        (title, seconds, *(float(errors[key]) for key in keys))  # type: ignore[misc]
+        for title, (seconds, errors) in sorted(rows.items(), key=lambda row: row[1][0])
+        if errors is not None
     ]
 
 

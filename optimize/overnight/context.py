@@ -20,12 +20,15 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, Design
+from optimize.objectives import ObjectiveName
 from optimize.overnight.run_log import RunLog
 from optimize.overnight.store import Store
 from optimize.overnight.workers import OutOfTime, StoredRenders
+from render.levels import REFERENCE
 from render.progress import Progress
 from render.reference import RenderCost, RenderJob
 from render.scene import Palette, Scene
+from surrogate.runtime import Checker
 
 TABLE_UNTIL, MODEL_UNTIL, LOOP_UNTIL = 0.40, 0.52, 0.76
 """Shares of the time by whose end these stages have finished."""
@@ -72,6 +75,7 @@ class RunContext:
         store, renders, log: record, runner and display.
         number: from 1; part of the names of decisions and of all seeds.
         extension: how often it was at its end and went on verifying.
+        objective: what decides between designs.
         samples: of the table per cell, which fix all amounts of work; None where hours do.
         until: seconds of work (``Store.spent``) by which it ends, infinite with ``samples``.
         began: seconds of work before the period.
@@ -83,6 +87,7 @@ class RunContext:
     renders: StoredRenders
     log: RunLog
     seed: int
+    objective: ObjectiveName
     number: int
     extension: int
     samples: int | None
@@ -179,9 +184,22 @@ class RunContext:
         left = state.eta_seconds if self.samples else max(self.seconds_until(1.0), 0.0)
         self.log.progress(replace(state, eta_seconds=left))
 
-    def keep_best(self, level: str, score: float, interval: tuple[float, float], what: str) -> None:
-        """Keep the best design so far for ``tactilux status``."""
-        self.best = {"score": score, "interval": list(interval), "level": level, "design": what}
+    def keep_best(
+        self,
+        value: float,
+        interval: tuple[float, float] | None,
+        what: str,
+        by: Checker | None = None,
+    ) -> None:
+        """Keep the best design so far for ``tactilux status``; ``by`` None are renders.
+
+        ``value`` and ``interval`` are the objective's, in counts or in degrees; without an
+        interval nobody knows it.
+        """
+        level, effort = (REFERENCE, None) if by is None else (by.level, by.effort)
+        self.best = {"objective": self.objective, "value": value}
+        self.best["interval"] = None if interval is None else list(interval)
+        self.best |= {"level": level, "effort": effort, "design": what}
 
 
 def design_of(content: dict[str, Any]) -> Design:

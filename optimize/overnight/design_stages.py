@@ -26,13 +26,14 @@ from optimize.overnight.context import (
     samples_within,
 )
 from optimize.scoring import JackknifeEstimate, TableScorer, search_table
-from optimize.search import alternating_search
+from optimize.search import alternating_search, search_by_reader
 from optimize.ui.console import counted
 from optimize.verification import (
     CONVERGED,
     Candidate,
     DesignRenders,
     FinalistEvaluation,
+    Judge,
     LoopConfig,
     Proposal,
     RenderedRound,
@@ -40,6 +41,7 @@ from optimize.verification import (
     VerificationLoop,
     allocation_of,
     distinct_directions,
+    judge_of,
     pooled_renders,
     reference_renders,
     score_allocation,
@@ -47,29 +49,48 @@ from optimize.verification import (
 )
 from render.geometry import fiber_edges
 from render.progress import Progress
-from render.reference import PRESSED, RenderCost, SampleAllocation, transport_jobs
+from render.reference import RenderCost, SampleAllocation, transport_jobs
 from render.transport import TransportTable
 from surrogate.runtime import Checker
 
 
-def search_designs(context: RunContext, checker: Checker) -> tuple[Design, Design]:
-    """Return the best colors at the baseline's directions, and the best design, on the model."""
+def night_judge(context: RunContext, checker: Checker) -> Judge:
+    """Return what decides between designs, on the scale of the night's model."""
+    settings = ScoreSettings(checker.exposure, checker.lam)
+    return judge_of(context.objective, context.scene, settings, checker)
+
+
+def search_designs(context: RunContext, checker: Checker) -> tuple[dict[str, Design], Design]:
+    """Return designs on the way to the best one on the model, by their keys, and the best.
+
+    On the way are the best colors at the baseline's directions, or the best design by S where a
+    reader decides.
+    """
 
     def search() -> dict[str, Any]:
         context.stage("Colors and directions on the surrogate", "search")
+        scorer = TableScorer(search_table(checker), limits=limits_of(context.scene))
         found = alternating_search(
-            TableScorer(search_table(checker), limits=limits_of(context.scene)),
+            scorer,
             dimmed_baseline(context.scene),
             edges=fiber_edges(context.scene),
             seed=context.seed,
         )
-        colored = next(step for step in found.history if step.stage == "quick")
-        return {"colors": colored.design, "best": found.design, "score": found.score}
+        if context.objective == "score":
+            colored = next(step for step in found.history if step.stage == "quick")
+            return {"before": {"colors": colored.design}, "best": found.design,
+                    "value": found.score}  # fmt: skip
+        goal = night_judge(context, checker).on_table(scorer)
+        starts = [found.history[0].design, found.design]
+        read = search_by_reader(scorer, goal, starts, seed=context.seed)
+        return {"before": {"score": found.design}, "best": read.design, "value": -read.score}
 
     kept = context.decide("search", search)
-    score, half = kept["score"], checker.score_half_width
-    context.keep_best("surrogate", score, (score - half, score + half), "found on the surrogate")
-    return design_of(kept["colors"]), design_of(kept["best"])
+    value, half = kept["value"], checker.score_half_width
+    interval = (value - half, value + half) if context.objective == "score" else None
+    context.keep_best(value, interval, "found on the surrogate", checker)
+    before = {key: design_of(design) for key, design in kept["before"].items()}
+    return before, design_of(kept["best"])
 
 
 def thesis_design(
@@ -115,17 +136,17 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
     """
     baseline = dimmed_baseline(context.scene)
     amount = context.amount("rounds", lambda cost: _affordable_rounds(context, cost, start))
+    judge = night_judge(context, checker)
     loop = VerificationLoop(
+        judge,
         search_table(checker),
         baseline,
         reference_renders(context.scene, None, context.progress, runner=context.renders),
         SceneRefit(context.scene, checker),
-        fiber_edges(context.scene),
         # Every period of every seed searches and renders with seeds of its own.
         LoopConfig(seed=64 * context.seed + context.number, **amount),
         limits_of(context.scene),
         start,
-        context.scene,
     )
     if context.number > 1:
         known = context.store.decided(f"{context.number - 1}/contenders")
@@ -155,17 +176,24 @@ def run_loop(context: RunContext, checker: Checker, start: Design) -> LoopOutcom
         done = loop.render(number, proposals, allocation_of(decided.get("allocation")))
         rounds.append(done)
         context.log.note(f"Round {number}: {done.agreement.shown}")
-        for entry, measured in zip(proposals, done.scores, strict=True):
+        for entry, measured, converged in zip(proposals, done.values, done.converged, strict=True):
             context.log.note(
-                f"  {entry.role}: predicted {entry.score:.2f}, rendered {measured.score.value:.2f} "
-                f"± {measured.score.se:.2f}"
+                f"  {entry.role}: predicted {judge.told(entry.score)}, rendered "
+                f"{judge.told(measured.value)} ± {measured.se:.2f}"
+                f"{'' if converged else ', not converged'}"
             )
-        best = max((measured.score for measured in done.scores), key=lambda score: score.value)
-        context.keep_best("reference", best.value, best.interval(), f"round {number}")
+        best = max(done.values, key=lambda measured: measured.value)
+        _keep_rendered(context, judge, best, f"round {number}")
 
     reason = context.steps("round", propose, render, context.deadline(LOOP_UNTIL + OVERTIME_SHARE))
     context.decide("contenders", lambda: loop.candidates)
     return LoopOutcome(rounds, loop.ranking(), reason)
+
+
+def _keep_rendered(context: RunContext, judge: Judge, best: JackknifeEstimate, what: str) -> None:
+    """Keep what renders say of the best design so far."""
+    low, high = sorted(judge.sign * end for end in best.interval())
+    context.keep_best(judge.sign * best.value, (low, high), what)
 
 
 def _affordable_rounds(context: RunContext, cost: RenderCost, start: Design) -> dict[str, int]:
@@ -190,12 +218,15 @@ MIN_BATCHES = 3
 
 
 def choose_finalists(
-    context: RunContext, colored: Design, thesis: Design | None, loop_outcome: LoopOutcome
+    context: RunContext,
+    before: dict[str, Design],
+    thesis: Design | None,
+    loop_outcome: LoopOutcome,
 ) -> dict[str, Design]:
     """Return who is verified, by key, the baseline first."""
 
     def choose() -> dict[str, Design]:
-        finalists = {"baseline": dimmed_baseline(context.scene), "colors": colored}
+        finalists = {"baseline": dimmed_baseline(context.scene), **before}
         if thesis is not None:
             finalists["thesis"] = thesis
         best = [entry.design for entry in loop_outcome.candidates[:2]]
@@ -213,12 +244,14 @@ def verify_finalists(
     The finalists were chosen before the first of these seeds, so those of extensions are pooled.
     """
     names, designs = tuple(finalists), list(finalists.values())
-    settings = ScoreSettings(checker.exposure, checker.lam)
+    judge = night_judge(context, checker)
 
     def allocate() -> SampleAllocation:
         leader = names.index("winner") if "winner" in names else 0
         table = search_table(checker)
-        return score_allocation(context.scene, table, settings, designs, leader=leader)
+        return score_allocation(
+            context.scene, table, judge.settings, designs, leader=leader, untouched=True
+        )
 
     allocation = allocation_of(context.decide("final allocation", allocate))
     amount = context.amount("final", lambda cost: _affordable_batch(context, cost, designs))
@@ -253,10 +286,9 @@ def verify_finalists(
     for extension in range(context.extension + 1):
         name = f"final batch, extension {extension}" if extension else "final batch"
         context.steps(name, plan, work, late, first=len(parts) + 1)
-    evaluation = FinalistEvaluation(names, pooled_renders(parts, amount["seeds"]), settings)
+    evaluation = FinalistEvaluation(names, pooled_renders(parts, amount["seeds"]), judge)
     best = evaluation.best("winner")
-    score = evaluation.score(best).score
-    context.keep_best("reference", score.value, score.interval(), best)
+    _keep_rendered(context, judge, evaluation.value(best), best)
     return evaluation
 
 
@@ -273,7 +305,6 @@ def _affordable_batch(
         context.bends,
         samples=UNIT_SAMPLES,
         seeds=list(range(seeds)),
-        allocation=PRESSED,
     )
     free = (context.seconds_until(1.0) - REPORT_SECONDS) / MIN_BATCHES
     seconds = max(context.least_seconds, min(2 * cost.fixed * jobs, free))

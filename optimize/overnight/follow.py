@@ -17,6 +17,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
+from optimize.objectives import title_of, unit_of
 from optimize.overnight.result import NIGHT, TITLES, OvernightResult
 from optimize.overnight.run_directory import LOG, REPORT, open_record, writing
 from optimize.overnight.status import status_of
@@ -35,12 +36,14 @@ REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 def told(run: Path) -> dict[str, Any]:
     """Return what the page shows; ``error`` alone where the run cannot be read just now."""
     try:
-        found = asdict(status_of(run))
-        finalists = _finalists(run, finished=found["state"] == "finished")
+        status = status_of(run)
+        finalists = _finalists(run, finished=status.state == "finished")
     except TactiluxError as error:
         return {"error": str(error)}
+    found = asdict(status)
     return {
         **found,
+        "best_words": status.best_words,
         "error": "",
         "finalists": finalists,
         "log": _end_of_log(run / LOG),
@@ -52,17 +55,17 @@ def _finalists(run: Path, *, finished: bool) -> list[dict[str, Any]]:
     """Return who is verified, once that is chosen, and what the renders say, once they have."""
     if finished and (run / NIGHT).is_file():
         result = OvernightResult.load(run)
-        return [
-            {
-                "title": entry.title,
-                "score": entry.score,
-                "interval": list(entry.rating.interval),
-                "gain": entry.gain,
-                "gain_se": entry.gain_se,
-                "best": entry.key == result.winner,
-            }
-            for entry in result.finalists
-        ]
+        rows, objective = [], result.objective
+        for entry in result.finalists:
+            figure = entry.figure(objective)
+            half = result.interval_factor * figure.se
+            row = {"title": entry.title, "best": entry.key == result.winner, "gain": "–"}
+            row["figure"] = f"{title_of(objective)} {figure.value:.2f}{unit_of(objective)}"
+            row["interval"] = f"{figure.value - half:.2f} to {figure.value + half:.2f}"
+            if figure.gain is not None:
+                row["gain"] = f"{figure.gain:+.2f} ± {figure.gain_se:.2f}"
+            rows.append(row)
+        return rows
     with writing(run), closing(open_record(run)) as db:
         words = "SELECT value FROM decisions WHERE name LIKE '%/finalists' ORDER BY id DESC"
         row = db.execute(words).fetchone()

@@ -13,11 +13,13 @@ import hashlib
 import math
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import IO, Any
 
 from optimize.design import keep_scene
+from optimize.objectives import ObjectiveName
 from optimize.overnight.conclusion import conclude
 from optimize.overnight.context import RunContext
 from optimize.overnight.design_stages import (
@@ -58,14 +60,16 @@ def overnight(
     hours: float | None = None,
     samples: int | None = None,
     seed: int = 0,
+    objective: ObjectiveName = "sensor",
     make_workers: Callable[[], Workers],
     lines: IO[str] | None = None,
 ) -> OvernightResult:
     """Do the job in ``run`` and return the finished night.
 
     ``hours`` of work are over all attempts together, None where ``samples`` of the transport table
-    per cell are given, from which everything else follows. ``make_workers`` starts who renders,
-    after everything else has been checked; progress goes to ``lines`` as JSON lines.
+    per cell are given, from which everything else follows. ``objective`` decides between designs:
+    degrees of the ``sensor`` or the ``place`` reader, or ``score``. ``make_workers`` starts who
+    renders, after everything else has been checked; progress goes to ``lines`` as JSON lines.
 
     Raises:
         OutputError: the place holds something else.
@@ -73,6 +77,7 @@ def overnight(
         Stopped: a signal asked for the end; what is finished is kept.
     """
     scene = as_scene(scene)
+    asked = _Asked(scene, hours, samples, seed, objective)
     kept = standalone(scene)
     check_run_directory(run)
     with writing(run):
@@ -81,9 +86,9 @@ def overnight(
             signals, store, ended = Signals(), None, "error"
             try:
                 with signals.caught():
-                    store = Store(run, _request(scene, seed, samples), log.note)
+                    store = Store(run, asked.request, log.note)
                     keep_scene(run, kept)
-                    result = _work(scene, store, hours, samples, seed, make_workers, signals, log)
+                    result = _work(asked, store, make_workers, signals, log)
                 ended = "finished"
                 return result
             except Stopped:
@@ -98,24 +103,39 @@ def overnight(
                     store.close(ended)
 
 
-def _request(scene: Scene, seed: int, samples: int | None) -> Request:
-    limits = hashlib.sha256(scene.model_dump_json(include={"constraints"}).encode()).hexdigest()
-    request: Request = {"the scene of hash": scene.hash, "constraints of hash": limits[:16]}
-    return request | {"--seed": seed, "--samples": samples}
+@dataclass(frozen=True)
+class _Asked:
+    """What a night is asked for, see `overnight`."""
+
+    scene: Scene
+    hours: float | None
+    samples: int | None
+    seed: int
+    objective: ObjectiveName
+
+    @property
+    def request(self) -> Request:
+        """What the same run is asked for by all attempts."""
+        constraints = self.scene.model_dump_json(include={"constraints"})
+        limits = hashlib.sha256(constraints.encode()).hexdigest()
+        return {
+            "the scene of hash": self.scene.hash,
+            "constraints of hash": limits[:16],
+            "--seed": self.seed,
+            "--samples": self.samples,
+            "--objective": self.objective,
+        }
 
 
 def _work(
-    scene: Scene,
+    asked: _Asked,
     store: Store,
-    hours: float | None,
-    samples: int | None,
-    seed: int,
     make_workers: Callable[[], Workers],
     signals: Signals,
     log: RunLog,
 ) -> OvernightResult:
     """Return the finished night, after all that remains to do."""
-    turn, period = _turn(store, hours)
+    turn, period = _turn(store, asked.hours)
     if store.decided(f"finished {turn}") is not None:
         try:
             result = OvernightResult.load(store.run)
@@ -132,17 +152,18 @@ def _work(
     workers = make_workers()
     try:
         context = RunContext(
-            scene=scene,
+            scene=asked.scene,
             store=store,
             renders=StoredRenders(store, workers, signals),
             log=log,
-            seed=seed,
-            samples=samples,
-            until=math.inf if hours is None else 3600 * hours,
+            seed=asked.seed,
+            objective=asked.objective,
+            samples=asked.samples,
+            until=math.inf if asked.hours is None else 3600 * asked.hours,
             **period,
         )
         log.record = lambda stage, at: store.progress(stage, at, context.best)
-        result = _run_stages(context, hours)
+        result = _run_stages(context, asked.hours)
         store.decide(f"finished {turn}", store.spent)
     finally:
         workers.close()
@@ -183,10 +204,10 @@ def _run_stages(context: RunContext, hours: float | None) -> OvernightResult:
         return pooled_table(context)
 
     checker = fit_model(context, table)
-    colored, best = search_designs(context, checker)
+    before, best = search_designs(context, checker)
     thesis = thesis_design(context, table, checker)
     loop_outcome = run_loop(context, checker, best)
-    finalists = choose_finalists(context, colored, thesis, loop_outcome)
+    finalists = choose_finalists(context, before, thesis, loop_outcome)
     evaluation = verify_finalists(context, finalists, checker)
     context.log.stage("Report")
     result = conclude(context, checker, loop_outcome, evaluation, hours)

@@ -16,9 +16,17 @@ from matplotlib.figure import Figure
 from optimize.design import RUN_MODEL, SCENE
 from optimize.frontier.plot import draw_levels
 from optimize.mounting import ErrorCost, mount, mounting_error_costs, surrogate_score
-from optimize.overnight.result import DESIGNS, ConvergencePoint, Finalist, OvernightResult
+from optimize.objectives import ERROR_KEYS, sign_of, title_of
+from optimize.overnight.result import (
+    DESIGNS,
+    ConvergencePoint,
+    Finalist,
+    OvernightResult,
+    RenderedFigure,
+)
 from optimize.overnight.run_directory import RECORD, REPORT
 from optimize.overnight.status import SCALING_WORDS, scaling_of, scaling_rows
+from optimize.readers import CameraModel
 from optimize.report import (
     bolt_pictures,
     building_steps,
@@ -57,29 +65,32 @@ def write_report(result: OvernightResult, run: Path) -> Path:
 def warnings(result: OvernightResult) -> list[str]:
     """Return what makes the result doubtful, most important first; usually nothing."""
     last, doubts = result.best, []
-    if last.gain is not None and last.gain_se is not None:
-        half = result.interval_factor * last.gain_se
+    sign = sign_of(result.objective)
+    figure = last.figure(result.objective)
+    if figure.gain is not None and figure.gain_se is not None:
+        gain, half = sign * figure.gain, result.interval_factor * figure.gain_se
         if not (last.converged and result.finalists[0].converged):
             doubts.append(
                 "Few light paths carry most of the light, so these renders decide nothing: the "
                 "same command with more hours goes on from here."
             )
-        elif last.gain + half < 0:
+        elif gain + half < 0:
             doubts.append("The renders say that the baseline is better: this design is not one.")
-        elif last.gain - half <= 0:
+        elif gain - half <= 0:
             doubts.append(
                 "The interval of the gain reaches 0: more hours would make it narrower, and the "
                 "same command with more of them goes on from here."
             )
         doubts += holder_warning(result.scene, last.design)
         doubts += monochrome_warning(last.design)
-    doubts += [
-        f"{entry.title} scored {entry.score - last.score:.1f} higher in the last renders, which "
-        "is within the error bars of the difference: they tie, and the choice of the rounds before "
-        "stands."
-        for entry in result.finalists
-        if entry.score > last.score and entry.converged and last.converged
-    ]
+    for entry in result.finalists:
+        ahead = sign * (entry.figure(result.objective).value - figure.value)
+        if ahead > 0 and entry.converged and last.converged:
+            said = f"scored {ahead:.1f} higher" if sign > 0 else f"was read {ahead:.2f}° better"
+            doubts.append(
+                f"{entry.title} {said} in the last renders, which is within the error bars of the "
+                "difference: they tie, and the choice of the rounds before stands."
+            )
     return doubts + clipping_warning(last.clipped)
 
 
@@ -100,7 +111,7 @@ def render_report(
     pictures = dict(report_pictures(result))
     rows = {entry.key: _row(entry) for entry in result.finalists}
     # What Figs. 5.1 and 5.2 show: how the design that is handed over came about.
-    shown = dict.fromkeys(key for key in ("baseline", "colors", last.key) if key in rows)
+    shown = dict.fromkeys(key for key in ("baseline", "colors", "score", last.key) if key in rows)
     stages = {key: {**row, **stage_pictures(pictures, key)} for key, row in rows.items()}
     metric_se = np.stack([entry.metric_se for entry in result.finalists])
     context = {
@@ -108,6 +119,8 @@ def render_report(
         "scene_hash": scene.hash,
         "title": last.title,
         "lam": f"{result.settings.lam:.4g}",
+        "camera": CameraModel.of(scene).sentence,
+        "scored": result.objective == "score",
         "warnings": warnings(result),
         "verdict": result.verdict,
         "finalists": [{**row, "best": key == last.key} for key, row in rows.items()],
@@ -133,6 +146,7 @@ def render_report(
             last.title,
             errors,
             f"For CSV, a drilling jig and other steps: tactilux wiring {DESIGNS}/{last.key}.json.",
+            last.rating.read,
         ),
         "replicates": result.replicates,
         "facts": result.facts,
@@ -149,12 +163,20 @@ def _row(entry: Finalist) -> dict[str, str]:
     gain = "–"
     if entry.gain is not None and entry.gain_se is not None:
         gain = _pm(entry.gain, entry.gain_se, "+")
-    return score_row(entry) | {
-        "score": _pm(entry.score, entry.se),
-        "gain": gain,
-        "predicted": _pm(entry.predicted, entry.predicted_reach),
-        "holds": HOLDS[entry.prediction_check],
+    errors = {
+        key: _pm(entry.errors[reader].value, entry.errors[reader].se, digits=2) + "°"
+        for reader, key in ERROR_KEYS.items()
     }
+    return (
+        score_row(entry)
+        | errors
+        | {
+            "score": _pm(entry.score, entry.se),
+            "gain": gain,
+            "predicted": _pm(entry.predicted, entry.predicted_reach),
+            "holds": HOLDS[entry.prediction_check],
+        }
+    )
 
 
 def _bolt(result: OvernightResult) -> dict[str, Any]:
@@ -186,9 +208,9 @@ def _color_errors(result: OvernightResult) -> str:
     )
 
 
-def _pm(value: float, half_width: float, sign: str = "") -> str:
+def _pm(value: float, half_width: float, sign: str = "", digits: int = 1) -> str:
     """Return value and reach as text that does not break into two lines."""
-    return f"{value:{sign}.1f}\u00a0±\u00a0{half_width:.1f}"
+    return f"{value:{sign}.{digits}f}\u00a0±\u00a0{half_width:.{digits}f}"
 
 
 WIDTH, HEIGHT = 4.6, 3.4  # inches: text stays readable at the width of a phone
@@ -202,7 +224,7 @@ MARKS = {
 
 
 def convergence(result: OvernightResult) -> Figure:
-    """Draw every rendered score step by step, with 95 % intervals and predictions."""
+    """Draw every rendered figure step by step, with 95 % intervals and predictions."""
     names = list(dict.fromkeys(point.step for point in result.steps))
     marks = dict.fromkeys(("best", result.winner), "the surrogate's best") | {
         "baseline": "baseline"
@@ -215,19 +237,23 @@ def convergence(result: OvernightResult) -> Figure:
             before = [sum(q.step == p.step for q in mine[:i]) for i, p in enumerate(mine)]
             at = [names.index(p.step) + left + 0.1 * b for p, b in zip(mine, before, strict=True)]
             half = [result.interval_factor * point.se for point in mine]
-            scores = [point.score for point in mine]
-            axes.errorbar(at, scores, half, fmt="o", ms=4, lw=1, capsize=2, color=tone, label=label)
+            values = [point.value for point in mine]
+            axes.errorbar(at, values, half, fmt="o", ms=4, lw=1, capsize=2, color=tone, label=label)
             axes.plot(at, [point.predicted for point in mine], "x", ms=4.5, mew=1, color=tone)
         axes.plot([], [], "x", ms=4.5, mew=1, color=SOFT, label="predicted")
         for entry, tone in ((result.finalists[0], "#e6e8ec"), (result.best, "#fdebd0")):
-            axes.axhspan(*entry.rating.interval, lw=0, zorder=0, facecolor=tone)
-        shown = range(0, len(names), -(-len(names) // 6))
-        axes.set_xticks(list(shown), [names[i] for i in shown])
-        axes.set(ylabel="score S", xlim=(-0.5, len(names) - 0.5))
+            shown = entry.figure(result.objective)
+            reach = result.interval_factor * shown.se
+            ends = shown.value - reach, shown.value + reach
+            axes.axhspan(*ends, lw=0, zorder=0, facecolor=tone)
+        ticks = range(0, len(names), -(-len(names) // 6))
+        axes.set_xticks(list(ticks), [names[i] for i in ticks])
+        axes.set(ylabel=_axis(result), xlim=(-0.5, len(names) - 0.5))
         # An interval that reaches far beyond all scores would press these together.
-        values = np.array([(point.score, point.predicted) for point in result.steps])
-        margin = 0.6 * max(float(np.ptp(values)), 1.0)
-        axes.set_ylim(values.min() - margin, values.max() + margin)
+        both = np.array([(point.value, point.predicted) for point in result.steps])
+        least = 1.0 if result.objective == "score" else 0.1
+        margin = 0.6 * max(float(np.ptp(both)), least)
+        axes.set_ylim(both.min() - margin, both.max() + margin)
         axes.spines[["top", "right"]].set_visible(False)
         handles, labels = axes.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False,
@@ -235,24 +261,32 @@ def convergence(result: OvernightResult) -> Figure:
     return figure
 
 
-def score_scatter(result: OvernightResult) -> Figure:
-    """Draw predicted against rendered scores of all designs that were rendered."""
-    reach = [entry.predicted_reach for entry in result.finalists]
+def figure_scatter(result: OvernightResult) -> Figure:
+    """Draw predicted against rendered figures of all designs that were rendered."""
+    finalists = [entry.figure(result.objective) for entry in result.finalists]
+    # The surrogate's own interval is known for S alone.
+    scored = result.objective == "score"
+    reach = [entry.predicted_reach for entry in result.finalists] if scored else None
     with drawing(WIDTH, HEIGHT) as figure:
         axes = figure.subplots()
 
-        def draw(entries: Sequence[Finalist | ConvergencePoint], **look: Any) -> None:
+        def draw(entries: Sequence[RenderedFigure | ConvergencePoint], **look: Any) -> None:
             half = [result.interval_factor * entry.se for entry in entries]
-            axes.errorbar([e.predicted for e in entries], [e.score for e in entries], half, **look)
+            axes.errorbar([e.predicted for e in entries], [e.value for e in entries], half, **look)
 
         draw(result.steps, fmt="o", ms=3.5, lw=0.8, color=SOFT, label="on the way")
-        draw(result.finalists, xerr=reach, fmt="s", ms=5, color="#b45309", label="finalists")
+        draw(finalists, xerr=reach, fmt="s", ms=5, color="#b45309", label="finalists")
         limits = [*axes.get_xlim(), *axes.get_ylim()]
         axes.plot([min(limits), max(limits)], [min(limits), max(limits)], color=SOFT, lw=0.8)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.set(xlabel="score S, surrogate", ylabel="score S, rendered")
+        axes.set(xlabel=f"{_axis(result)}, surrogate", ylabel=f"{_axis(result)}, rendered")
         axes.legend(frameon=False, loc="upper left")
     return figure
+
+
+def _axis(result: OvernightResult) -> str:
+    title = title_of(result.objective)
+    return title if result.objective == "score" else f"{title}, deg"
 
 
 def report_pictures(result: OvernightResult) -> Iterator[tuple[str, bytes]]:
@@ -260,7 +294,7 @@ def report_pictures(result: OvernightResult) -> Iterator[tuple[str, bytes]]:
     yield from design_pictures(result.scene, result.finalists)
     if result.steps:
         yield "convergence", png_bytes(convergence(result))
-    yield "scores", png_bytes(score_scatter(result))
+    yield "scores", png_bytes(figure_scatter(result))
     if result.trade:
         with drawing(WIDTH, HEIGHT) as figure:
             draw_levels(figure.subplots(), [row[:4] for row in result.trade])

@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from optimize.design import SCENE, Array, Design, Rating, ScoreSettings, save_design
+from optimize.objectives import ObjectiveName, ReaderName
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
@@ -26,10 +27,11 @@ from render.refused_values import problem_sentence
 from render.scene import Scene, load_scene
 
 NIGHT, DESIGNS = "night.npz", "designs"
-SCHEMA = 2
+SCHEMA = 3
 TITLES = {
     "baseline": "Baseline",
     "colors": "Colors",
+    "score": "Best S",
     "thesis": "Thesis-style design",
     "winner": "Winner",
     "runner-up": "Runner-up",
@@ -38,6 +40,25 @@ TITLES = {
 
 StandardError = Annotated[float, Field(ge=0.0)]
 _CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+@dataclass(frozen=True)
+class RenderedFigure:
+    """What an objective says of a finalist, in counts of S, or in degrees of a reader's error.
+
+    Arguments:
+        value, se: rendered, with its standard error.
+        gain, gain_se: value minus the baseline's from the same renders; None for the baseline.
+        predicted: by the surrogate.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = _CONFIG
+
+    value: float
+    se: StandardError
+    gain: float | None
+    gain_se: StandardError | None
+    predicted: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +72,7 @@ class Finalist:
         se: standard error of S, counts.
         gain, gain_se: S minus the baseline's from the same renders; None for the baseline.
         predicted, predicted_reach: the surrogate's S and the half-width of its 90 % interval.
+        errors: what both readers make of it.
         counts, counts_se: rendered colors ``(bend, site, facet, 3)`` in camera counts.
         predicted_counts: the surrogate's, same axes.
         metric, metric_se: rendered M of eq. (4.6), ``(bend, site)``.
@@ -67,6 +89,7 @@ class Finalist:
     gain_se: StandardError | None
     predicted: float
     predicted_reach: StandardError
+    errors: dict[ReaderName, RenderedFigure]
     counts: Array
     counts_se: Array
     predicted_counts: Array
@@ -80,9 +103,19 @@ class Finalist:
         return TITLES[self.key]
 
     @property
+    def error_map(self) -> None:
+        """Readers' degrees by site: noise of renders would be part of them."""
+
+    @property
     def score(self) -> float:
         """S of eq. (4.7)."""
         return self.rating.score
+
+    def figure(self, objective: ObjectiveName) -> RenderedFigure:
+        """Return what ``objective`` says of it."""
+        if objective != "score":
+            return self.errors[objective]
+        return RenderedFigure(self.score, self.se, self.gain, self.gain_se, self.predicted)
 
     @property
     def prediction_check(self) -> IntervalCheck:
@@ -97,7 +130,7 @@ class Finalist:
 
 
 _FIGURES = ("key", "se", "gain", "gain_se", "predicted", "predicted_reach", "converged")
-_SHARED = ("replicates", "winner", "verdict", "trade", "facts")
+_SHARED = ("objective", "replicates", "winner", "verdict", "trade", "facts")
 
 
 @dataclass(frozen=True)
@@ -107,14 +140,14 @@ class ConvergencePoint:
     Arguments:
         step: when: a round, or the final verification.
         role: why it was rendered (``baseline``, ``best``, ``uncertain``, ``random``, ...).
-        score, se: rendered; predicted: by the surrogate of that time.
+        value, se: the objective's, rendered; predicted: by the surrogate of that time.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = _CONFIG
 
     step: str
     role: str
-    score: float
+    value: float
     se: StandardError
     predicted: float
 
@@ -125,6 +158,7 @@ class OvernightResult:
 
     Arguments:
         scene: the sensor.
+        objective: what decided.
         replicates: independent replicates behind every standard error.
         finalists: the baseline first.
         winner: key of the design that is handed over; the baseline's, if nothing beat it.
@@ -138,6 +172,7 @@ class OvernightResult:
     __pydantic_config__: ClassVar[ConfigDict] = _CONFIG
 
     scene: Scene
+    objective: ObjectiveName
     replicates: Annotated[int, Field(ge=2)]
     finalists: tuple[Finalist, ...]
     winner: str
@@ -177,7 +212,9 @@ class OvernightResult:
             "scene_hash": self.scene.hash,
             "steps": [asdict(step) for step in self.steps],
             "finalists": [
-                {name: getattr(e, name) for name in _FIGURES} | {"rating": asdict(e.rating)}
+                {name: getattr(e, name) for name in _FIGURES}
+                | {"rating": asdict(e.rating)}
+                | {"errors": {name: asdict(figure) for name, figure in e.errors.items()}}
                 for e in self.finalists
             ],
         }

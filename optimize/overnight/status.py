@@ -6,14 +6,16 @@ import sqlite3
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
 from pydantic import Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
+from optimize.objectives import ObjectiveName, title_of, unit_of
 from optimize.overnight.run_directory import holder, open_record, writing
 from optimize.overnight.store import check_request
 from optimize.ui.console import duration
+from render.levels import level_name, read_level
 
 WORKERS = (1, 2, 8, 64)
 
@@ -26,7 +28,8 @@ class RunStatus:
         state: ``running``, ``finished``, or what goes on when asked: ``stopped``, ``lost`` (its
             process was killed) or ``failed`` (an error ended it, which its log tells).
         stage: what it does, or did last; share: how much of that is done, 0 to 1.
-        best: ``score``, ``interval``, ``level`` and ``design`` of the best design so far.
+        best: ``objective``, ``value`` (counts or degrees), ``interval`` (or nothing), ``level``,
+            ``effort`` and ``design`` of the best so far.
         evaluations: finished renders; render_seconds: theirs, on whatever machine.
         seconds: worked by all attempts together; attempts: how many there were.
         eta_seconds: until the end; None when nobody works or nobody knows.
@@ -43,6 +46,18 @@ class RunStatus:
     attempts: int
     eta_seconds: float | None
     holder: str | None
+
+    @property
+    def best_words(self) -> str:
+        """The best design so far with its figure, in one line; "" without one."""
+        if self.best is None:
+            return ""
+        objective, ends = self.best["objective"], self.best["interval"]
+        figure = f"{title_of(objective)} {self.best['value']:.2f}{unit_of(objective)}"
+        if ends is not None:
+            figure += f" ({ends[0]:.2f} to {ends[1]:.2f})"
+        level = level_name(self.best["level"], self.best["effort"])
+        return f"{figure}, {level}: {self.best['design']}"
 
 
 def status_of(run: Path) -> RunStatus:
@@ -82,16 +97,20 @@ class _Best(TypedDict):
     """The best design so far, see `RunStatus`."""
 
     level: str
-    score: float
-    interval: Annotated[list[float], Field(min_length=2, max_length=2)]
+    effort: NotRequired[str | None]
+    objective: ObjectiveName
+    value: float
+    interval: Annotated[list[float], Field(min_length=2, max_length=2)] | None
     design: str
 
 
 def _best(text: str) -> dict[str, Any]:
     try:
-        return dict(TypeAdapter(_Best).validate_json(text))
+        best = TypeAdapter(_Best).validate_json(text)
     except ValidationError:
         raise sqlite3.DatabaseError("its best design cannot be read") from None
+    level, effort = read_level(best["level"], best.get("effort"))
+    return {**best, "level": level, "effort": effort}
 
 
 def scaling_of(run: Path) -> dict[int, float]:

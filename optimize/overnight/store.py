@@ -45,7 +45,7 @@ from render.reference import RenderJob, RenderResult
 from render.scene import scene_of
 from surrogate.runtime.model_file import SUM_FILE
 
-SCHEMA = 6
+SCHEMA = 7
 RENDERS, STATES, TABLE = "renders", "states", "table"
 HEARTBEAT = 2.0
 """Seconds between records of the time spent: what a killed process can lose of it."""

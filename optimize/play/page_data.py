@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 
 from optimize.design import Array, SearchLimits, limits_of
+from optimize.readers import CameraModel, PlaceError, SensorError
+from optimize.readers.camera_model import FULL_SCALE
+from optimize.readers.polynomials import derivatives
+from optimize.readers.sensor_reader import COLOR_DEGREE, LEAST_DEVIATION, RIDGE
 from render.errors import SceneError
 from render.geometry import (
     SHADOW_LENGTH,
@@ -142,6 +146,52 @@ def _skin(scene: Scene) -> dict[str, Any]:
     return {"thickness": scene.pad.thickness, "surface": surface}
 
 
+def reader_facts(scene: Scene, camera: CameraModel) -> dict[str, Any]:
+    """Return what both readers know, as `SensorError` and `PlaceError` lay it out: no light.
+
+    Lists are flat. ``plane`` are parts (normal, 2) of normals along x and y, ``weights`` (normal,
+    facet + 1) make their colors, ``steepness`` (2, normal, facet + 1) their derivatives by the
+    parts; ``apart`` are the degrees between normals that are another answer, else 0. Normals of the
+    sensor reader are (bend, site, normal). An entry of ``monomials`` is a variable, the numbers of
+    a lower monomial and of that one times the variable, and the variable's power there.
+    """
+    sensor, place = SensorError(scene, camera), PlaceError(scene, camera)
+    lowered = derivatives(len(scene.palette.matrix[0]), COLOR_DEGREE)
+    chosen = np.argwhere(lowered)
+    chosen = chosen[np.argsort(chosen[:, 2], kind="stable")]
+    return {
+        "camera": {
+            "fullScale": FULL_SCALE,
+            "read": camera.read_noise,
+            "shot": camera.shot,
+            "rounding": camera.step**2 / 12.0,
+            "saturated": camera.saturated,
+            "longest": camera.longest_exposure,
+            "gains": list(camera.gains),
+        },
+        "sensor": {
+            "plane": _flat(sensor.plane),
+            "weights": _flat(sensor.weights),
+            "places": _flat(sensor.places),
+            "monomials": [[*map(int, entry), int(lowered[tuple(entry)])] for entry in chosen],
+            "ridge": RIDGE,
+            "leastDeviation": LEAST_DEVIATION,
+        },
+        "place": {
+            "plane": _flat(place.plane),
+            "weights": _flat(place.weights),
+            "steepness": _flat(place.steepness),
+            "prior": place.prior,
+            "apart": _flat(place.apart),
+        },
+    }
+
+
+def _flat(values: Array) -> list[float]:
+    """Return values as the page has them: to 1e-6, which is a thousandth of a count in colors."""
+    return [float(value) for value in values.round(6).ravel()]
+
+
 def palette_facts(palette: Palette) -> dict[str, Any]:
     """Return the LEDs: names, keys and inks, what channels see of them and screens show of these.
 
@@ -215,6 +265,7 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
     return {
         "allowed": limits.allowed.tolist(),
         "counts": limits.led_counts.tolist(),
+        "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
         "power": limits.led_power.tolist(),
         "low": limits.low.tolist(),
         "high": limits.high.tolist(),

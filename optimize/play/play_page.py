@@ -1,7 +1,7 @@
 """One HTML file to play with: no server, no network, and a policy inside that forbids both.
 
 The page holds the transport table of a `Checker` at direction nodes as 16-bit integers, superposes
-it, and rates what it shows by the metric itself; nothing in it is learned or fitted again.
+it, and rates what it shows by the metric itself and by the readers' expected errors in closed form.
 """
 
 from __future__ import annotations
@@ -21,22 +21,36 @@ import numpy as np
 
 from optimize.design import (
     CLIPPED,
-    LEVEL_NAMES,
     Array,
     Design,
     dimmed_baseline,
     limits_of,
     palette_in_file,
 )
-from optimize.play.page_data import large_pyramid, packed, palette_facts, sensor_facts
+from optimize.objectives import ObjectiveName, sign_of, title_of, unit_of
+from optimize.play.page_data import (
+    large_pyramid,
+    packed,
+    palette_facts,
+    reader_facts,
+    sensor_facts,
+)
+from optimize.readers import CameraModel
 from optimize.scoring import TableScorer
-from optimize.search import refine_locally
+from optimize.search import (
+    NominalScore,
+    Objective,
+    ReaderObjective,
+    refine_locally,
+    search_by_reader,
+)
 from optimize.search.colors import quick_colors
 from optimize.ui.output import write_result
 from optimize.ui.provenance import package_versions
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
 from render.geometry import in_state
+from render.progress import OnProgress
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -47,7 +61,17 @@ MAX_BYTES = 3_000_000
 """Size of a page."""
 TESTED, SEARCHES = 64, 3
 """Random designs that page and model are compared on; rounds of colors and directions."""
-SCRIPTS = ("model.js", "reader.js", "uphill.js", "sensor.js", "maps.js", "camera.js", "play.js")
+SCRIPTS = (
+    "model.js",
+    "readers.js",
+    "sensor_error.js",
+    "place_error.js",
+    "uphill.js",
+    "sensor.js",
+    "maps.js",
+    "camera.js",
+    "play.js",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +82,8 @@ class PlayPage:
         scene: the sensor.
         checker: its model.
         start: what the page opens with; None is the baseline.
-        optimum: the best design known; None searches one, colors by 2-opt and directions by slopes.
+        optimum: the best design known by the objective; None searches one, as `explore` does.
+        objective: what the page climbs and rates first.
         command: that made the page, for its footer.
     """
 
@@ -66,10 +91,11 @@ class PlayPage:
     checker: Checker
     start: Design | None = None
     optimum: Design | None = None
+    objective: ObjectiveName = "sensor"
     command: str = ""
 
-    def html(self) -> str:
-        """Return the page.
+    def html(self, progress: OnProgress | None = None) -> str:
+        """Return the page; ``progress`` is told how far a search for the optimum is.
 
         Raises:
             TableError: it would be larger than `MAX_BYTES`.
@@ -79,24 +105,30 @@ class PlayPage:
         assert table.background is not None  # of a Checker
         scorer = TableScorer(table, self.checker.metadata.metric, limits=limits_of(self.scene))
         baseline = dimmed_baseline(self.scene)
-        optimum = self.optimum or best_design(scorer, baseline)
+        camera = CameraModel.of(self.scene)
+        goal: Objective = NominalScore(scorer)
+        if self.objective != "score":
+            goal = ReaderObjective(scorer, self.scene, self.objective, camera)
+        optimum = self.optimum or best_design(scorer, goal, baseline, progress)
         designs = {"baseline": baseline, "optimum": optimum, "start": self.start or baseline}
         skin = skin_light(self.scene, table.phi)
         text, places = packed(
             {
-                "facets": by_color(table.exposure * table.T, table),
-                "background": by_color(table.exposure * table.background, table),
+                "light": by_color(table.exposure * table.with_pad, table),
                 "skin": by_color(table.exposure * skin, table),
             }
         )
         facts = sensor_facts(self.scene) | {
             "scene": {"name": self.scene.name, "hash": self.scene.hash},
             "level": table.level,
+            "effort": table.effort,
             "phi": table.phi.tolist(),
             "tables": places,
             "tints": scorer.channels if table.by_channel else 1,
             "skinShape": skin.shape[3:5],
             "metric": self._metric(table),
+            "objective": self.objective,
+            "readers": reader_facts(self.scene, camera),
             "palette": palette_facts(self.scene.palette),
             # As a design file has it.
             "paletteInFile": palette_in_file(self.scene.palette),
@@ -113,7 +145,12 @@ class PlayPage:
             },
             "versions": package_versions("numpy"),
         }
-        html = self._filled(facts, text, scorer, (baseline, optimum))
+        title, unit = title_of(self.objective), unit_of(self.objective)
+        sign, digits = sign_of(self.objective), 2 if unit else 1
+        figures = [
+            f"{sign * goal.value(design):.{digits}f}{unit}" for design in (baseline, optimum)
+        ]
+        html = self._filled(facts, text, scorer, (f"{title[0].upper()}{title[1:]}", *figures))
         if len(html.encode()) >= MAX_BYTES:
             raise TableError(
                 f"the page would have {len(html.encode()) / 1e6:.1f} MB, allowed: below "
@@ -122,11 +159,13 @@ class PlayPage:
             )
         return html
 
-    def notes(self, level: str) -> list[str]:
-        """Return what who plays with light of ``level`` should know, one sentence each."""
-        notes = [] if level == "surrogate" else [
-            f"There is no trained model of {self.scene.name}, so this page is made on the {level} "
-            "(level 0): good for trying and comparing, to be confirmed by tactilux verify."
+    @property
+    def notes(self) -> list[str]:
+        """What who plays with it should know, one sentence each."""
+        notes = [] if self.checker.metadata.rendered else [
+            f"There is no trained model of {self.scene.name}, so this page is made on the "
+            f"{self.checker.level_name}: good for trying and comparing, to be confirmed by "
+            "tactilux verify."
         ]  # fmt: skip
         if self.scene.coating.lobe is not None:
             notes.append(
@@ -147,26 +186,29 @@ class PlayPage:
         }
 
     def _filled(
-        self, facts: dict[str, Any], text: str, scorer: TableScorer, known: tuple[Design, Design]
+        self, facts: dict[str, Any], text: str, scorer: TableScorer, goal: tuple[str, ...]
     ) -> str:
-        """Return the template with everything in it."""
+        """Return the template with everything in it.
+
+        ``goal`` is the name of the objective and what it is at the baseline and at the optimum.
+        """
         style, script = _part("play.css"), '(() => {\n"use strict";\n'
         script += "\n".join(_part(name) for name in SCRIPTS) + "\n})();"
-        level = facts["level"]
-        scores = [f"{scorer.score(design.phi, design.power):.1f}" for design in known]
+        source = self.checker.level_name
         environment = jinja2.Environment(
             autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
         )
         return environment.from_string(_part("play.html.j2")).render(
             scene=self.scene.name,
             scene_hash=self.scene.hash,
-            level=LEVEL_NAMES[level],
-            source="the scene's model" if level == "surrogate" else f"the {level}",
-            notes=self.notes(level),
+            level=source,
+            source="the scene's model" if self.checker.metadata.rendered else f"the {source}",
+            notes=self.notes,
             made=datetime.now(UTC).strftime("%d %B %Y"),
             confidence=f"{self.checker.coverage:.0%}",
-            baseline_score=scores[0],
-            optimum_score=scores[1],
+            objective=self.objective,
+            goal=goal,
+            camera=CameraModel.of(self.scene).sentence,
             facets=scorer.facets,
             word=facts["axis"]["word"],
             turns=any(lamp.turns for lamp in self.scene.placed_lamps()),
@@ -187,23 +229,36 @@ class PlayPage:
         )
 
 
-def write_play(path: Path, page: PlayPage) -> None:
-    """Write the page to ``path``.
+def write_play(path: Path, page: PlayPage, progress: OnProgress | None = None) -> None:
+    """Write the page to ``path``; ``progress`` is told how far a search for the optimum is.
 
     Raises:
         TableError: its table is too large for a page.
     """
-    html = page.html().encode()
+    html = page.html(progress).encode()
     seal = f"<!-- seal {hashlib.sha256(html).hexdigest()} -->\n"
     write_result(path, html + seal.encode())
 
 
-def best_design(scorer: TableScorer, start: Design) -> Design:
-    """Return a design that neither other colors of two lamps nor small turns improve."""
+def best_design(
+    scorer: TableScorer, goal: Objective, start: Design, progress: OnProgress | None = None
+) -> Design:
+    """Return the best design found by ``goal``: ``start``, or better and allowed."""
+    found = best_score(scorer, start)
+    if not isinstance(goal, ReaderObjective):
+        return found
+    near = [scorer.limits.nearest_design(design) for design in (start, found)]
+    read = search_by_reader(scorer, goal, near, progress=progress)
+    return read.design if read.score > goal.value(start) else start
+
+
+def best_score(scorer: TableScorer, start: Design) -> Design:
+    """Return a design whose S neither other colors of two lamps nor small turns improve."""
     phi = scorer.limits.nearest_directions(np.full(len(start.phi), math.pi / 2))
     best, score = start, scorer.score(start.phi, start.power)
     for round_ in range(SEARCHES):
-        colors = [best.colors] if (best.colors >= 0).all() else []
+        whole = scorer.limits.may_be_off or (best.colors >= 0).all()
+        colors = [best.colors] if whole else []
         found = quick_colors(scorer, phi, starts=colors, restarts=8 if round_ == 0 else 0)
         design = scorer.design(phi, found.colors)
         optimum = refine_locally(scorer, design)

@@ -26,6 +26,7 @@ from optimize.ui.console import duration
 from optimize.ui.output import MANIFEST
 from render.errors import SceneError, TactiluxError
 from render.files import parse_json, read_bytes, read_sealed
+from render.levels import REFERENCE, level_name, read_level
 from render.refused_values import problem_sentence
 from render.scene import load_scene
 from surrogate.runtime import Checker
@@ -50,7 +51,7 @@ class RunRecord:
         path: its folder, or its file where it is one.
         time: when its record was written, seconds since 1970.
         state: one of `STATES`.
-        scene, scene_hash, level: empty where the record does not say.
+        scene, scene_hash, level: empty where the record does not say; effort: None there.
         score: of the design that it hands over, in counts.
         interval: of ``score``: 90 % on models and previews, 95 % from renders.
         design: file of that design; lights: the design itself.
@@ -65,6 +66,7 @@ class RunRecord:
     scene: str = ""
     scene_hash: str = ""
     level: str = ""
+    effort: str | None = None
     score: float | None = None
     interval: tuple[float, float] | None = None
     design: Path | None = None
@@ -72,6 +74,11 @@ class RunRecord:
     report: Path | None = None
     play: Path | None = None
     note: str = ""
+
+    @property
+    def level_name(self) -> str:
+        """Level and effort as people read them; empty where the record does not say."""
+        return level_name(self.level, self.effort)
 
 
 def read_record(kind: str, path: Path) -> RunRecord:
@@ -148,6 +155,7 @@ class _Played(_Strict):
 
     scene: _Named
     level: str
+    effort: str | None = None
     half_width: Annotated[float, Field(alias="halfWidth")]
     designs: dict[str, Any]
     scores: dict[str, float] = {}
@@ -179,7 +187,8 @@ def _of_design(file: DesignFile) -> dict[str, Any]:
         "lights": file.design,
     }
     if file.level is not None and file.score is not None:
-        known |= {"level": file.level, "score": file.score.value, "interval": file.score.interval}
+        known |= {"level": file.level, "effort": file.effort}
+        known |= {"score": file.score.value, "interval": file.score.interval}
     return known
 
 
@@ -221,7 +230,8 @@ def _verification(path: Path) -> RunRecord:
     if not content.converged:
         gain += ", by renders that have not converged and decide nothing"
     known |= {
-        "level": "reference",
+        "level": REFERENCE,
+        "effort": None,
         "score": content.design.score,
         "interval": _interval(content.design.interval),
     }
@@ -247,9 +257,12 @@ def _night(run: Path) -> RunRecord:
         if status.eta_seconds is not None:
             note += f", {duration(status.eta_seconds)} left"
     if state != "finished":
-        known = {} if best is None else {
-            "level": best["level"], "score": best["score"], "interval": _interval(best["interval"])
-        }  # fmt: skip
+        known: dict[str, Any] = {}
+        if best is not None:
+            known = {name: best[name] for name in ("level", "effort")}
+            if best["objective"] == "score":
+                known |= {"score": best["value"], "interval": _interval(best["interval"])}
+            note += f"; best so far: {status.best_words}"
         try:
             scene = load_scene(run / SCENE)
             known |= {"scene": scene.name, "scene_hash": scene.hash}
@@ -265,6 +278,7 @@ def _night(run: Path) -> RunRecord:
         scene=result.scene.name,
         scene_hash=result.scene.hash,
         level=result.best.rating.level,
+        effort=result.best.rating.effort,
         score=result.best.score,
         interval=result.best.rating.interval,
         design=run / DESIGNS / f"{result.winner}.json",
@@ -278,7 +292,7 @@ def _model(folder: Path) -> RunRecord:
     """Read a model, which says how wrong it was on designs that it had not seen."""
     checker = Checker.load(folder)
     about = checker.metadata
-    held_out = next((row for row in about.held_out if row["level"] == about.own_level), None)
+    held_out = about.own_errors
     note = f"Scores ± {checker.score_half_width:.2f} ({checker.coverage:.0%} of held-out designs)"
     if held_out is not None:
         note += f", color error {held_out['facet_median']:.1%}"
@@ -291,6 +305,7 @@ def _model(folder: Path) -> RunRecord:
         scene=about.scene,
         scene_hash=about.scene_hash,
         level=checker.level,
+        effort=checker.effort,
         report=card if card.is_file() else None,
         note=f"{note}.",
     )
@@ -308,6 +323,7 @@ def _page(path: Path) -> RunRecord:
     elif sha256(whole[: seal.start()]).encode() != seal[1]:
         raise RunError(f"{path.name} is damaged (it is not as it was written)", field="run")
     page = _parsed(_Played, path, parse_json(found[1].decode()))
+    level, effort = read_level(page.level, page.effort)
     score = page.scores.get("start")
     half = page.half_width
     return RunRecord(
@@ -316,7 +332,8 @@ def _page(path: Path) -> RunRecord:
         _time(path),
         scene=page.scene.name,
         scene_hash=page.scene.hash,
-        level=page.level,
+        level=level,
+        effort=effort,
         score=score,
         interval=None if score is None else (score - half, score + half),
         report=path,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from optimize.design import LEVEL_NAMES, Design, find_scene
+from optimize.design import Design, find_scene
 from optimize.records.run_record import RunRecord
 from optimize.report import data_uri, render_page
 from optimize.ui.console import counted
@@ -34,6 +34,7 @@ def record_to_json(record: RunRecord) -> dict[str, object]:
         "scene": record.scene or None,
         "scene_hash": record.scene_hash or None,
         "level": record.level or None,
+        "effort": record.effort,
         "score": record.score,
         "interval": None if record.interval is None else list(record.interval),
         **{name: None if path is None else str(path) for name, path in paths.items()},
@@ -147,7 +148,7 @@ def _row(record: RunRecord, page: Path, folder: Path, drawn: _Drawings) -> dict[
         "state": record.state,
         "bad": record.state in BAD,
         "date": _when(record).strftime("%d %B %Y, %H:%M"),
-        "level": LEVEL_NAMES.get(record.level, record.level),
+        "level": record.level_name,
         "score": score,
         "interval": interval,
         "note": record.note,

@@ -1,10 +1,12 @@
 """Reports: single HTML files with pictures, and what they are drawn with."""
 
+from optimize.report.depth_report import depth_maps, print_depths, write_depths
 from optimize.report.exploration_report import (
     BASELINE,
     DESIGN,
     PLAY,
     REPORT,
+    degrees_row,
     doubted_gain,
     parts_moved,
     print_scores,
@@ -22,9 +24,9 @@ from optimize.report.illustrations import (
     drawing,
     encode_srgb,
     facet_strip,
-    metric_strip,
     picture_png,
     png_bytes,
+    site_map,
 )
 from optimize.report.optimization_report import TITLES, conclusions, doubts, write_optimization
 from optimize.report.page import (

@@ -32,7 +32,7 @@ from render.geometry import (
     in_state,
     pyramid,
 )
-from render.scene import Scene
+from render.scene import OFF, Scene
 from render.sensor_drawing import sensor_svg
 
 PANEL = 1.75  # inches: a panel stays readable when three of them share the width of a phone
@@ -58,6 +58,7 @@ STAGES = {
     "tied": ("directions, tied", "#e0a458"),
     "free": ("directions, free", "#b45309"),
     "power": ("LED powers", "#7c3aed"),
+    "reader": ("by the reader", "#0f766e"),
 }
 
 
@@ -112,6 +113,10 @@ class Illustrated(Protocol):
     def counts(self) -> Array:
         """Facet colors ``(bend, site, facet, channel)``."""
 
+    @property
+    def error_map(self) -> Array | None:
+        """Degrees by which the sensor reader misses normals, ``(bend, site)``, where known."""
+
 
 class Seen(Protocol):
     """A design that the camera is shown under: its key, its lights and its exposure."""
@@ -132,39 +137,51 @@ class Seen(Protocol):
 def design_pictures(scene: Scene, entries: Sequence[Illustrated]) -> Iterator[tuple[str, bytes]]:
     """Yield ``scheme-<key>`` (SVG), ``metric-<key>`` (Fig. 5.1) and ``facets-<key>`` (Fig. 5.2).
 
-    All maps share one scale.
+    Where readers' errors are known ``degrees-<key>`` too. All maps of a kind share one scale.
     """
     maps = np.stack([entry.metric for entry in entries])
+    errors = [entry.error_map for entry in entries if entry.error_map is not None]
     for entry in entries:
-        inks = [scene.palette.ink(color) for color in entry.design.color_names]
+        names = entry.design.color_names
+        inks = [None if color == OFF else scene.palette.ink(color) for color in names]
         scheme = sensor_svg(scene, entry.design.phi, inks, section=False)
         yield f"scheme-{entry.key}", scheme.encode()
-        strip = metric_strip(scene, entry.metric, float(maps.min()), float(maps.max()))
+        strip = site_map(scene, entry.metric, float(maps.min()), float(maps.max()))
         yield f"metric-{entry.key}", png_bytes(strip)
+        if entry.error_map is not None:
+            ends = float(np.min(errors)), float(np.max(errors))
+            yield (
+                f"degrees-{entry.key}",
+                png_bytes(site_map(scene, entry.error_map, *ends, less_is_better=True)),
+            )
         yield f"facets-{entry.key}", png_bytes(facet_strip(scene, entry.counts))
 
 
-def metric_strip(scene: Scene, metric: Array, low: float, high: float) -> Figure:
-    """Draw M of eq. (4.6) ``(bend, site)`` as one heat map per bend (Fig. 5.1), scale low..high.
+def site_map(
+    scene: Scene, shown: Array, low: float, high: float, *, less_is_better: bool = False
+) -> Figure:
+    """Draw values ``(bend, site)`` as one heat map per bend (Fig. 5.1), scale low..high.
 
-    The scale is given, not taken from the data, so that all designs share it.
+    The scale is given, not taken from the data, so that all designs share it. What is better is
+    brighter.
     """
     rows, columns = scene.sites.rows, scene.sites.columns
     left, right, bottom, top = _frame(scene)
     with _strip(scene) as (figure, panels):
-        for axes, values in zip(panels, metric, strict=True):
+        for axes, values in zip(panels, shown, strict=True):
             grid = np.full(rows * columns, np.nan)
             grid[counted_sites(scene)] = values
             axes.imshow(
                 grid.reshape(rows, columns),
                 origin="lower",
                 extent=(left, right, bottom, top),
-                cmap="viridis",
+                cmap="viridis_r" if less_is_better else "viridis",
                 vmin=low,
                 vmax=high,
             )
             for (x, y), value in zip(flat_sites(scene)[:, :2], values, strict=True):
-                dark = (value - low) < 0.62 * (high - low)
+                bright = high - value if less_is_better else value - low
+                dark = bright < 0.62 * (high - low)
                 axes.text(
                     x,
                     y,
@@ -248,7 +265,7 @@ PREVIEW_WIDTH = 240  # pixels; the height follows from the camera
 
 
 def camera_pictures(scene: Scene, stages: Sequence[Seen]) -> Iterator[tuple[str, bytes]]:
-    """Yield ``preview-<key>-<bend index>``: what the camera sees, drawn by the preview (level 0).
+    """Yield ``preview-<key>-<bend index>``: what the camera sees, drawn by the preview.
 
     A pyramid is pressed in at every site. Brightness is exposed as the scene's camera is, so that
     pictures can be compared.
@@ -278,7 +295,7 @@ def bolt_pictures(
 ) -> list[list[bytes]]:
     """Return Fig. 5.3: for every design a PNG per bend, the tip up as in all pictures.
 
-    Drawn by the preview (level 0) at the scene's one exposure, and all cut to the same frame.
+    Drawn by the preview at the scene's one exposure, and all cut to the same frame.
 
     Raises:
         SceneError: the bolt does not fit into the pad.

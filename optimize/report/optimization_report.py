@@ -10,7 +10,8 @@ from pathlib import Path
 
 from optimize.design import Array, Design, Rating, keep_scene, kept_name, save_design
 from optimize.mounting import mount, mounting_error_costs, surrogate_score
-from optimize.reconstruction import normal_error, predicted_colors
+from optimize.objectives import ERROR_KEYS, READERS
+from optimize.readers import CameraModel
 from optimize.report.exploration_report import DESIGN, REPORT, score_row
 from optimize.report.illustrations import design_pictures
 from optimize.report.page import (
@@ -26,7 +27,13 @@ from optimize.report.page import (
 from optimize.report.wiring import wiring_context, wiring_files, write_wiring
 from optimize.ui.output import fresh_directory, write_manifest
 from optimize.ui.provenance import package_versions
-from optimize.verification import LoopRound, Optimization, optimization_to_json
+from optimize.verification import (
+    FinalistEvaluation,
+    Judge,
+    LoopRound,
+    Optimization,
+    optimization_to_json,
+)
 from render.files import write_text
 from render.scene import Scene, StandaloneScene
 from surrogate.runtime import Checker
@@ -57,6 +64,7 @@ class _Rendered:
     clipped: float
     metric: Array
     counts: Array
+    error_map: None = None
 
 
 def write_optimization(
@@ -69,15 +77,15 @@ def write_optimization(
     """Write designs, record, report and wiring into ``target``; return the result for programs.
 
     An earlier result in ``target`` is replaced, or kept under a number where it found another
-    design. The surrogate prices rounding and says degrees; the thesis can do without. A copy of
-    ``kept``, the scene's file as it was read, stays with the designs.
+    design. The surrogate prices rounding; the thesis can do without. A copy of ``kept``, the
+    scene's file as it was read, stays with the designs.
     """
     finalists = outcome.finalists
     with fresh_directory(target, keep=DESIGN) as folder:
         keep_scene(folder, kept)
         for name, design in zip(finalists.names, finalists.renders.designs, strict=True):
             file = DESIGN if name == outcome.winner else FILES[name]
-            save_design(folder / file, design, scene, finalists.score(name).rating)
+            save_design(folder / file, design, scene, finalists.rating(name))
         score = None if checker is None else surrogate_score(checker, scene)
         mounting = mount(scene, outcome.design, score)
         no_jig = write_wiring(folder, mounting)
@@ -86,9 +94,10 @@ def write_optimization(
             TITLES[outcome.winner],
             () if checker is None else mounting_error_costs(checker, scene, mounting.design),
             wiring_files(target / DESIGN, no_jig),
+            finalists.rating(outcome.winner).read,
         )
         steps = building_steps(target / DESIGN, kept_name(kept, target))
-        write_text(folder / REPORT, _page(scene, outcome, checker, wiring, steps))
+        write_text(folder / REPORT, _page(scene, outcome, wiring, steps))
         result = optimization_to_json(scene, outcome, target / DESIGN)
         result["report"] = str(target / REPORT)
         result["warnings"] = doubts(scene, outcome)
@@ -102,10 +111,23 @@ def conclusions(outcome: Optimization) -> list[str]:
     for name in ("baseline", "runner-up", "winner", "thesis"):
         if name in finalists.names and name != outcome.winner:
             sentences.append(finalists.comparison(name, outcome.winner))
+    sentences += [degrees_sentence(finalists, outcome.winner)] if sentences else []
     if outcome.loop is not None:
         sentences.append(f"The loop stopped because {outcome.loop.reason}.")
         sentences.append(_render_seconds(outcome))
     return sentences
+
+
+def degrees_sentence(finalists: FinalistEvaluation, winner: str) -> str:
+    """Say by how many degrees readers miss normals of the winner, beside the baseline's."""
+    said = []
+    for reader in READERS:
+        first, last = (finalists.error(name, reader) for name in ("baseline", winner))
+        said.append(f"{last.value:.2f}° (with the baseline {first.value:.2f}°)")
+    return (
+        f"The sensor reader misses surface normals of the {winner} by {said[0]}, the place reader "
+        f"by {said[1]}."
+    )
 
 
 def _render_seconds(outcome: Optimization) -> str:
@@ -140,7 +162,6 @@ def doubts(scene: Scene, outcome: Optimization) -> list[str]:
 def _page(
     scene: Scene,
     outcome: Optimization,
-    checker: Checker | None,
     wiring: dict[str, object],
     steps: Steps,
 ) -> str:
@@ -150,19 +171,19 @@ def _page(
     for entry in shown:
         score = outcome.finalists.score(entry.key).score
         row = {**score_row(entry), **stage_pictures(pictures, entry.key)}
-        row |= {"score": f"{score.value:.1f} ± {score.se:.1f}", "gain": "–", "error": "–"}
+        row |= {"score": f"{score.value:.1f} ± {score.se:.1f}", "gain": "–"}
         row["best"] = "best" if entry.key == outcome.winner else ""
         if entry.key != "baseline":
             gain = outcome.finalists.difference("baseline", entry.key)
             row["gain"] = f"{gain.value:+.1f} ± {gain.se:.1f}"
-        if checker is not None:
-            colors = predicted_colors(checker, scene, entry.design)
-            row["error"] = f"{normal_error(scene, colors):.2f}°"
+        for reader, key in ERROR_KEYS.items():
+            error = outcome.finalists.error(entry.key, reader)
+            row[key] = f"{error.value:.2f}° ± {error.se:.2f}"
         rows.append(row)
     seconds = outcome.finalists.renders.seconds
     facts = [
         ("Scene", f"{scene.name}, {scene.hash}"),
-        ("Level", "2, reference (bidirectional, MIS)"),
+        ("Level", "reference, bidirectional, MIS"),
         ("Finalists' renders", f"{seconds:.0f} s, {len(outcome.finalists.renders.replicates)} "
          "replicates"),
         *((f"Seconds of the {name}", f"{wall:.0f}") for name, wall in outcome.wall.items()),
@@ -177,8 +198,12 @@ def _page(
         "conclusions": conclusions(outcome),
         "sensor": sensor_figure(scene),
         "warnings": doubts(scene, outcome),
+        "camera": CameraModel.of(scene).sentence,
         "stages": rows,
-        "rounds": [_round_row(done) for done in (outcome.loop.rounds if outcome.loop else ())],
+        "rounds": [
+            _round_row(done, outcome.finalists.judge)
+            for done in (outcome.loop.rounds if outcome.loop else ())
+        ],
         "wiring": wiring,
         "facts": facts,
         "steps": steps,
@@ -202,11 +227,14 @@ def _rendered(outcome: Optimization, name: str) -> _Rendered:
     )
 
 
-def _round_row(done: LoopRound) -> dict[str, str]:
+def _round_row(done: LoopRound, judge: Judge) -> dict[str, str]:
     """Return a round as text: what was rendered, and whether the surrogate ranked it rightly."""
     said = [
-        f"{entry.role} {measured.score.value:.1f} (predicted {entry.score:.1f})"
-        for entry, measured in zip(done.proposals, done.scores, strict=True)
+        f"{entry.role} {judge.told(measured.value)}{'' if converged else ', not converged'} "
+        f"(predicted {judge.told(entry.score)})"
+        for entry, measured, converged in zip(
+            done.proposals, done.values, done.converged, strict=True
+        )
     ]
     return {
         "number": str(done.number),

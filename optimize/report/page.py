@@ -13,9 +13,10 @@ import jinja2
 import numpy as np
 
 from optimize.design import CLIPPED, Design
-from optimize.reconstruction import guessing_error
+from optimize.readers import guessing_error
 from render.describe import one_hue_advice
 from render.geometry import FiberHolder
+from render.levels import FEW_PATHS, PREVIEW
 from render.preview.converged import narrowest_turning_beam
 from render.preview.converged.color_noise import NOISE_LIMIT
 from render.scene import Scene
@@ -62,17 +63,19 @@ def sensor_figure(scene: Scene) -> str:
 
 def stage_pictures(pictures: Mapping[str, bytes], key: str) -> dict[str, str]:
     """Return scheme, heat maps and facets of a design, from ``<kind>-<key>`` in ``pictures``."""
-    return {kind: data_uri(pictures[f"{kind}-{key}"]) for kind in ("scheme", "metric", "facets")}
+    kinds = ("scheme", "metric", "degrees", "facets")
+    known = {kind: pictures[f"{kind}-{key}"] for kind in kinds if f"{kind}-{key}" in pictures}
+    return {kind: data_uri(content) for kind, content in known.items()}
 
 
 Steps = list[tuple[str, str]]
 """What to do next: why, and the command."""
 
 
-def verification_steps(design: Path, scene: str, level: str) -> Steps:
+def verification_steps(design: Path, scene: str, effort: str | None) -> Steps:
     """Return what to do with a ``design`` that nobody has rendered, before it is built.
 
-    ``scene`` is what commands take: a shipped name, or a file.
+    ``scene`` is what commands take: a shipped name, or a file; ``effort`` is that of its rating.
     """
     steps = [
         (
@@ -80,10 +83,20 @@ def verification_steps(design: Path, scene: str, level: str) -> Steps:
             f"tactilux verify {_word(design)}",
         )
     ]
-    if level in ("preview", "preview of few paths"):
+    if effort in (None, FEW_PATHS):
         steps.append(("For more than a few designs, train a model of this sensor:",
                       f"tactilux train {_word(scene)}"))  # fmt: skip
     return steps
+
+
+def depth_steps(scene: Scene, design: Path) -> Steps:
+    """Return how to learn what depth a ``design`` reads; nothing where the skin is not flat."""
+    if scene.skin is not None or scene.states is not None:
+        return []
+    return [
+        ("See how exactly it reads the depth of a ball, in micrometers:",
+         f"tactilux reconstruct {_word(design)} --press ball")
+    ]  # fmt: skip
 
 
 def building_steps(design: Path, scene: str) -> Steps:
@@ -96,6 +109,14 @@ def building_steps(design: Path, scene: str) -> Steps:
         ("Record it while it is healthy, for the check at every start:",
          f"tactilux check {_word(scene)} --design {_word(design)} --capture SWEEP "
          "--commission rig.npz"),
+    ]  # fmt: skip
+
+
+def built_steps(design: Path) -> Steps:
+    """Return what to do with a ``design`` whose lamps sit at new places."""
+    return [
+        ("Write the scene file of the sensor that this is, with its lit lamps alone:",
+         f"tactilux build {_word(design)} --out mine.toml"),
     ]  # fmt: skip
 
 
@@ -163,18 +184,18 @@ def clipping_warning(clipped: float) -> list[str]:
 
 
 def preview_warnings(scene: Scene, level: str, photon_noise: float | None) -> list[str]:
-    """Return what makes colors of a preview less sure than they are elsewhere; usually nothing.
+    """Return what makes colors without renders less sure than they are elsewhere; usually nothing.
 
     That is more noise than its photons were meant to leave, and beams that are too narrow.
     """
     texts = []
     if photon_noise is not None and photon_noise > NOISE_LIMIT:
         texts.append(
-            f"The preview's light paths leave noise of {photon_noise:.1%} in its colors, more than "
+            f"The traced light paths leave noise of {photon_noise:.1%} in its colors, more than "
             f"{NOISE_LIMIT:.0%}: intervals are wider for it; let renders decide (tactilux verify)."
         )
     beam = narrowest_turning_beam(scene)
-    if "preview" in level and beam < NARROW_BEAM:
+    if (level == PREVIEW or photon_noise is not None) and beam < NARROW_BEAM:
         texts.append(
             f"Beams of {np.degrees(beam):.1f} deg light spots smaller than what previews tell "
             "apart: with 1 deg intervals held 57% of the scores; let renders decide (tactilux "

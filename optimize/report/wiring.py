@@ -10,10 +10,21 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from optimize.design import Rating, save_design
-from optimize.mounting import ErrorCost, JigError, Mounting, drilling_jig, stl_bytes, wiring_csv
+from optimize.design import Rating, ReadErrors, save_design
+from optimize.mounting import (
+    FULL_LEVEL,
+    ErrorCost,
+    JigError,
+    Mounting,
+    drilling_jig,
+    empty_places,
+    stl_bytes,
+    wiring_csv,
+)
+from optimize.readers import CameraModel
 from optimize.report.illustrations import beam_length, drawing, png_bytes
 from optimize.report.page import data_uri
+from optimize.ui.console import counted
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
 from render.geometry import LOWER, FiberHolder, fiber_edges, flat_fiber_poses, flat_sites
@@ -45,17 +56,28 @@ def wiring_files(design: Path, no_jig: str = "") -> str:
 
 
 def wiring_context(
-    mounting: Mounting, title: str, errors: Sequence[ErrorCost] = (), files: str = ""
+    mounting: Mounting,
+    title: str,
+    errors: Sequence[ErrorCost] = (),
+    files: str = "",
+    read: ReadErrors | None = None,
 ) -> dict[str, Any]:
     """Return what the sheet's part of a page shows.
 
     ``errors`` are what errors of mounting cost, ``files`` a sentence about what lies beside the
-    page.
+    page, ``read`` the exposure that suits the design.
     """
     scene = mounting.scene
     facts = [
         *_ends(scene),
+        *_empty(mounting),
         f"All LEDs together draw {mounting.current:.0f} mA.",
+        *(
+            [f"A number beside a color is the level that the board is told, of {FULL_LEVEL}."]
+            if any(0.0 < row.power < 1.0 for row in mounting.fibers)
+            else []
+        ),
+        *([] if read is None else exposure_sentences(read, scene)),
     ]
     return {
         "title": title,
@@ -76,7 +98,7 @@ def wiring_context(
                 "edge": row.edge,
                 "x": f"{row.x_mm:.2f}",
                 "y": f"{row.y_mm:.2f}",
-                "color": row.color if row.power in (0.0, 1.0) else f"{row.color}, {row.power:.0%}",
+                "color": row.color if row.power in (0.0, 1.0) else f"{row.color}, {row.level}",
                 "ink": scene.palette.ink(row.color),
                 "current": f"{row.current_ma:g}",
                 "led": str(row.led),
@@ -87,6 +109,32 @@ def wiring_context(
             for row in mounting.fibers
         ],
     }
+
+
+def exposure_sentences(read: ReadErrors, scene: Scene) -> list[str]:
+    """Say how a design is exposed, and how steep a contact may be before colors saturate.
+
+    >>> from render.scene import load_scene
+    >>> read = ReadErrors(1.4, 1.2, 1.25, 1.0, (24.0, None, 29.3))
+    >>> for sentence in exposure_sentences(read, load_scene("digit")):
+    ...     print(sentence)
+    Expose 1.25 times as long as the scene's exposure, at gain 1; 255 counts are 10000 electrons.
+    At most 0.1% of all colors saturate: red from 24° of tilt on, green never, blue from 29°.
+    """
+    camera, time = CameraModel.of(scene), read.exposure_factor / read.gain
+    said = [
+        f"{channel} never" if tilt is None else f"{channel} from {tilt:.0f}°"
+        for channel, tilt in zip(scene.palette.channels, read.saturates_deg, strict=False)
+    ]
+    first = next((i for i, tilt in enumerate(read.saturates_deg) if tilt is not None), None)
+    if first is not None:
+        said[first] += " of tilt on"
+    return [
+        f"Expose {time:.3g} times as long as the scene's exposure, at gain {read.gain:.3g}; 255 "
+        f"counts are {camera.full_well / read.gain:.0f} electrons.",
+        f"At most {camera.saturated:.1%} of all colors saturate{': ' * bool(said)}"
+        f"{', '.join(said)}.",
+    ]
 
 
 WAYS = {
@@ -130,6 +178,17 @@ def _ends(scene: Scene) -> list[str]:
     if scene.lamps:
         sentences.append("Listed lamps lie where the CSV says, and shine along its towards_*.")
     return list(dict.fromkeys(sentences))
+
+
+def _empty(mounting: Mounting) -> list[str]:
+    """Say that places are left out on which no lamp is."""
+    count = len(mounting.design.phi) - len(mounting.fibers)
+    if not count:
+        return []
+    return [
+        f"{counted(count, 'place')} of the search {'has' if count == 1 else 'have'} no lamp and "
+        f"{'is' if count == 1 else 'are'} not listed."
+    ]
 
 
 def _price(mounting: Mounting) -> list[str]:
@@ -215,7 +274,11 @@ def wiring_drawing(mounting: Mounting) -> Figure:
         axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
         _draw_axes(axes)
         arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
+        empty = empty_places(scene, design)
         for i, color in enumerate(design.color_names):
+            if empty[i]:
+                axes.plot(*position[i], "o", ms=2.0, mfc="none", mec="#b6bbc4", mew=0.6)
+                continue
             ink = scene.palette.ink(color)
             if under[i]:
                 axes.add_patch(Circle(tuple(position[i]), poses.radius[i], color=ink, alpha=0.85))

@@ -10,7 +10,7 @@ order. A direction that an error turns beyond what the table covers stays at its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +19,7 @@ import numpy as np
 from optimize.design import Array, Design
 from optimize.robust.material_slopes import PER_FIBER
 from optimize.scoring import TableScorer
+from optimize.search import Objective
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.metric_gradient import score_by_counts
 from render.scene import Spread
@@ -87,10 +88,14 @@ class PerturbedSensors:
             out[draw] = self.scorer.score_block(counts[..., None])[0]
         return out
 
-    def gradients(self, design: Design) -> tuple[Array, Array]:
-        """Return S ``(draw,)`` and its derivatives by the directions, ``(draw, F)`` per rad."""
+    def gradients(self, design: Design) -> tuple[Array, Array, Array]:
+        """Return S ``(draw,)`` and its derivatives.
+
+        By the directions, ``(draw, F)`` per rad, and by power in the channels, ``(draw, F, C)``.
+        """
         scorer = self.scorer
         scores, slopes = np.empty(self.draws), np.empty((self.draws, scorer.fibers))
+        by_power = np.empty((self.draws, *design.power.shape))
         shape = (scorer.bends, scorer.sites, scorer.facets, scorer.channels)
         for draw in range(self.draws):
             light, by_phi = self._light_of(draw, design.phi)
@@ -100,9 +105,12 @@ class PerturbedSensors:
             if scorer.table.by_channel:
                 grown = by_phi.reshape(scorer.fibers, *by_counts.shape)
                 slopes[draw] = np.einsum("xc,fc,fxc->f", by_counts, design.power, grown)
+                tinted = light.reshape(scorer.fibers, *by_counts.shape)
+                by_power[draw] = np.einsum("xc,fxc->fc", by_counts, tinted)
             else:
                 slopes[draw] = np.einsum("xf,fx->f", by_counts @ design.power.T, by_phi)
-        return scores, slopes
+                by_power[draw] = light @ by_counts
+        return scores, slopes, by_power
 
     def _superposed(self, light: Array, power: Array) -> Array:
         """Return counts ``(B * S * K, C)`` of light ``(F, B * S * K [* C])``."""
@@ -168,7 +176,7 @@ def rate_robustly(scorer: TableScorer, sensors: PerturbedSensors, design: Design
     )
 
 
-class RobustScore:
+class RobustScore(Objective):
     """The objective over drawn sensors; see `optimize.search.local_refinement.Objective`."""
 
     def __init__(self, sensors: PerturbedSensors, measure: Measure) -> None:
@@ -176,15 +184,15 @@ class RobustScore:
         self.sensors, self.measure = sensors, measure
         self._weights = _quantile_weights(sensors.draws)
 
-    def value(self, design: Design) -> float:
-        """Return the lower quantile, or the mean minus one standard deviation, in counts."""
-        return self._of(self.sensors.scores(design))[0]
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return the lower quantiles, or means minus one standard deviation, in counts."""
+        return np.array([self._of(self.sensors.scores(design))[0] for design in designs])
 
-    def gradient(self, design: Design) -> tuple[float, Array]:
-        """Return the objective and its derivatives by the directions, ``(F,)`` per rad."""
-        scores, slopes = self.sensors.gradients(design)
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
+        """Return the objective and its derivatives by directions ``(F,)`` and power ``(F, C)``."""
+        scores, slopes, by_power = self.sensors.gradients(design)
         value, weight = self._of(scores)
-        return value, weight @ slopes
+        return value, weight @ slopes, np.tensordot(weight, by_power, 1)
 
     def _of(self, scores: Array) -> tuple[float, Array]:
         """Return the objective of ``scores`` ``(draw,)`` and its derivative by each of them."""

@@ -11,11 +11,13 @@ the lower face or over the skin would fill the shadows a little.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from optimize.design import Array, Design
+from optimize.search import Objective
 from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.errors import SceneError, TableError
 from render.geometry import SkinChart, flat_fiber_poses, flat_sites, fresnel
@@ -44,7 +46,7 @@ class PressedCylinder:
     points: int = 16
 
 
-class ShadowPenalty:
+class ShadowPenalty(Objective):
     """Mean length of the color that a bolt takes away, in counts; negated as an objective."""
 
     def __init__(
@@ -72,12 +74,12 @@ class ShadowPenalty:
         derivative = differentiation_matrix(table.phi)
         self._slope = np.einsum("ij,fjx...->fix...", derivative, self._blocked)
 
-    def value(self, design: Design) -> float:
-        """Return minus the penalty."""
-        return self.gradient(design)[0]
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return minus the penalties."""
+        return np.array([self.gradient(design)[0] for design in designs])
 
-    def gradient(self, design: Design) -> tuple[float, Array]:
-        """Return minus the penalty, and its derivatives by the directions."""
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
+        """Return minus the penalty, and its derivatives by directions and by power."""
         weights = interpolation_weights(self._phi, design.phi)
         blocked = np.einsum("fj,fjx...->fx...", weights, self._blocked)
         missing = np.einsum(f"fx{self._tinted},fc->xc", blocked, design.power)
@@ -85,7 +87,8 @@ class ShadowPenalty:
         along = missing / np.where(length > 0.0, length, 1.0)[:, None] / len(length)
         by_phi = np.einsum("fj,fjx...->fx...", weights, self._slope)
         slope = np.einsum(f"xc,fc,fx{self._tinted}->f", along, design.power, by_phi)
-        return -float(length.mean()), -slope
+        by_power = np.einsum(f"xc,fx{self._tinted}->fc", along, blocked)
+        return -float(length.mean()), -slope, -by_power
 
 
 def hidden_fraction(scene: Scene, phi: Array, bolt: PressedCylinder) -> Array:

@@ -7,7 +7,12 @@ from optimize.scoring.confidence import (
     prediction_checked,
     student_factor,
 )
-from optimize.scoring.jackknife import JackknifeEstimate, jackknife, pooled_estimate
+from optimize.scoring.jackknife import (
+    JackknifeEstimate,
+    jackknife,
+    jackknife_parts,
+    pooled_estimate,
+)
 from optimize.scoring.noise_doubt import noise_doubt
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
 from optimize.scoring.render_scores import RenderedScore, paired_difference, rendered_score
@@ -20,6 +25,7 @@ from optimize.scoring.surrogate_model import (
     model_of_design,
     open_model,
     predict_design,
+    predicted_colors,
     scene_model,
     search_table,
     trained_model,

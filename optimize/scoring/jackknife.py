@@ -66,6 +66,23 @@ class JackknifeEstimate:
         """Standard error of ``value``: `sampling`, and the half of a 90 % interval by the bias."""
         return math.hypot(self.sampling, self.bias_error / student_factor(self.replicates, 0.9))
 
+    def shown(self, sign: str = "") -> str:
+        """Return value and standard error as people read them; ``sign`` "+" for differences."""
+        return f"{self.value:{sign}.2f} ± {self.se:.2f}"
+
+    def __neg__(self) -> JackknifeEstimate:
+        """Return the estimate of minus the statistic."""
+        return JackknifeEstimate(-self.value, -self.plain, -self.pseudo, self.bias_error)
+
+    def __sub__(self, other: JackknifeEstimate) -> JackknifeEstimate:
+        """Return the difference to an independent estimate of as many replicates."""
+        return JackknifeEstimate(
+            self.value - other.value,
+            self.plain - other.plain,
+            self.pseudo - other.pseudo,
+            math.hypot(self.bias_error, other.bias_error),
+        )
+
     def interval(self, confidence: float = 0.95) -> tuple[float, float]:
         """Return the two-sided interval of Student's t with ``replicates - 1`` degrees."""
         half = student_factor(self.replicates, confidence) * self.se
@@ -135,11 +152,12 @@ def _mean_over_subsets(statistics: Callable[[Array], Array], replicates: Array, 
     """Return the mean of ``statistics`` over means of ``size`` replicates, each equally often."""
     rng, count = np.random.default_rng(0), len(replicates)
     orders = [np.tile(rng.permutation(count), 2) for _ in range(-(-SUBSETS // count))]
-    found = [
-        statistics(replicates[order[start : start + size]].mean(axis=0))
-        for order in orders
-        for start in range(count)
-    ]
+    found = []
+    for order in orders:
+        total = replicates[order[:size]].sum(axis=0)
+        for leaves, enters in zip(order[:count], order[size : size + count], strict=True):
+            found.append(statistics(total / size))
+            total = total + (replicates[enters] - replicates[leaves])
     return np.asarray(np.mean(found, axis=0))
 
 

@@ -20,7 +20,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class RenderedScore:
-    """One design at level 2, freed of the bias of the noise.
+    """One design by renders, freed of the bias of the noise.
 
     The jackknife is linear in the statistic, so the estimates of the parts add up as the parts do:
     score = mean - spread over sites - spread over bends, to rounding.

@@ -1,10 +1,11 @@
 """The model of a scene: finding it, or making do without one, and what it says of designs.
 
-Where none was trained, the preview answers.
+Where none was trained, the preview that traced light corrects answers.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,12 @@ from optimize.ui.console import ProgressBar
 from render.arguments import as_path
 from render.chebyshev import chebyshev_nodes
 from render.errors import ModelError
+from render.levels import PREVIEW
 from render.progress import OnProgress, Progress
 from render.refused_values import did_you_mean
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import MODEL_FILE, Checker
-from surrogate.runtime.metadata import PREVIEW
 
 # Direction nodes of the table that is searched: its interpolation then moves a score by less than
 # 0.1 counts (measured; with 17 nodes by 0.9).
@@ -104,7 +105,7 @@ def scene_model(
 ) -> Checker:
     """Return the model of ``scene``: a trained one, or what there is without one, see the module.
 
-    A converged preview takes one to three minutes, unless it is kept, as `is_prompt` says.
+    Converged light takes one to three minutes, unless it is kept, as `is_prompt` says.
 
     Arguments:
         scene: the sensor.
@@ -135,9 +136,9 @@ def scene_model(
         if not coarse:
             tell(
                 Progress.of_note(
-                    f"There is no model for scene {scene.name}, hash {scene.hash}: this is level "
-                    f"0, the {checker.level} alone{noise_words(checker.photon_noise)}; "
-                    "tactilux train makes a model"
+                    f"There is no model for scene {scene.name}, hash {scene.hash}: this is the "
+                    f"{checker.level_name}{noise_words(checker.photon_noise)}; tactilux train "
+                    "makes a model"
                 )
             )
         return checker
@@ -187,7 +188,7 @@ def model_of_design(
     """Return what rated a design, or what knows its scene better and is there at once.
 
     ``design`` is its file.
-    A design that was rated on the preview as drawn waits for no other preview: see `open_model`.
+    A design that was rated on the preview waits for no traced light: see `open_model`.
     """
     scene, drawn = candidate.scene, candidate.rating.level == PREVIEW
     drawn = drawn and not is_prompt(scene, given, design)
@@ -195,7 +196,7 @@ def model_of_design(
 
 
 def first_model(scene: Scene) -> Checker:
-    """Return what answers while `open_model` takes long: the preview of few light paths.
+    """Return what answers while `open_model` takes long: the surrogate of few light paths.
 
     Raises:
         GraphicsError: no OpenGL library can draw the preview.
@@ -228,3 +229,21 @@ def predict_design(checker: Checker, design: Design, bends: Array) -> dict[str, 
     """Return all outputs of checker.onnx for ``design`` at ``bends`` rad, without an axis batch."""
     outputs = checker.run(design.phi[None], design.power[None], bends)
     return {name: np.asarray(value[0], dtype=np.float64) for name, value in outputs.items()}
+
+
+def predicted_colors(checker: Checker, design: Design) -> Array:
+    """Return colors of facets and untouched pad at the scene's states, as the surrogate has them.
+
+    Counts ``(B, S, facet + 1, C)`` at the scene's exposure, the pad last, not clipped: light is
+    linear, so what would saturate is asked for at less power.
+    """
+    states, limit = np.array(checker.metadata.scene_bends), checker.metadata.metric.count_max
+    part = 1.0
+    while True:
+        dimmed = replace(design, drive=design.drive * part)
+        output = predict_design(checker, dimmed, states)
+        if max(output["counts"].max(), output["background"].max()) < limit:
+            break
+        part /= 4.0
+    pad = output["background"][:, :, None]
+    return np.concatenate([output["counts"], pad], axis=2) / part

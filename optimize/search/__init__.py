@@ -16,6 +16,7 @@ from optimize.search.local_refinement import (
     Objective,
     WeightedSum,
     multi_start,
-    refine_directions,
+    refine_by,
     refine_locally,
 )
+from optimize.search.reader_objective import ReaderObjective, ReaderOptimum, search_by_reader

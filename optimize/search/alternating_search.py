@@ -79,11 +79,7 @@ def alternating_search(
         max_rounds: the search ends unconverged after so many rounds.
         progress: called after every stage.
     """
-    limits = scorer.limits
-    if limits.colors_limited or limits.directions_limited:
-        start = limits.nearest_design(start)
-    elif not limits.fits_holder(start.phi):
-        start = replace(start, phi=limits.nearest_directions(start.phi))
+    limits, start = scorer.limits, scorer.limits.allowed_start(start)
     search = _Rounds(scorer, start, progress)
     steerable = len(scorer.table.phi) > 1
     for number in range(1, max_rounds + 1):
@@ -132,7 +128,12 @@ class _Rounds:
         self._record(number, result.method)
 
     def take_groups(self, number: int) -> None:
-        """Search colors in pairs or larger groups, where the limits leave any."""
+        """Search colors in pairs or larger groups, where the limits leave any.
+
+        Where most lamps stay off there are no groups of one color.
+        """
+        if self.scorer.limits.some_stay_off:
+            return
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:

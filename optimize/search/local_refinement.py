@@ -11,63 +11,81 @@ S with tolerances, or with shadows.
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoredDesign
+from optimize.design import Array, Design, ScoredDesign, SearchLimits
 from optimize.scoring import Differentiator, TableScorer
 from render.progress import Clock, OnProgress
 
-MAX_ITERATIONS = 200
-DIRECTIONS_OPTIONS = {"maxiter": 60, "ftol": 1e-7}
-"""Of L-BFGS-B, where directions alone move and the objective is dear."""
+MAX_ITERATIONS, EXACT = 200, 2.2e-9
+"""Of L-BFGS-B, where the objective is S on the table; the tolerance is the library's own."""
+DEAR_OPTIONS = {"maxiter": 60, "ftol": 1e-4}
+"""Of L-BFGS-B, where the objective is dear; more starts bring more than more exact ends."""
+CLIMBS = 4
+"""Refined starts from which colors are climbed."""
+TRIED_AT_ONCE = 12
+"""Moves of colors of which the best is taken."""
+LEAST_GAIN = 1e-4
+"""Relative gain below which a move of colors is not worth the next refinement."""
 
 
 class Objective(Protocol):
-    """What is maximized, in counts."""
+    """What is maximized, in counts, or minus degrees."""
+
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return the objective of every design, ``(N,)``."""
 
     def value(self, design: Design) -> float:
-        """Return the objective."""
+        """Return the objective of one design."""
+        return float(self.values([design])[0])
 
-    def gradient(self, design: Design) -> tuple[float, Array]:
-        """Return the objective and its derivatives by the directions, ``(F,)`` per rad."""
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
+        """Return the objective and its derivatives.
+
+        By the directions, ``(F,)`` per rad, and by power in the channels, ``(F, C)``.
+        """
 
 
-class NominalScore:
+class NominalScore(Objective):
     """S on the table, the sensor as drawn, as an objective."""
 
     def __init__(self, scorer: TableScorer) -> None:
         self._scorer, self._exact = scorer, Differentiator(scorer)
 
-    def value(self, design: Design) -> float:
-        """Return S."""
-        return self._scorer.score(design.phi, design.power)
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return S of every design."""
+        return np.array([self._scorer.score(design.phi, design.power) for design in designs])
 
-    def gradient(self, design: Design) -> tuple[float, Array]:
-        """Return S and its derivatives by the directions."""
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
+        """Return S and its derivatives."""
         at = self._exact.at(design.phi, design.power)
-        return at.score, at.phi
+        return at.score, at.phi, at.power
 
 
-class WeightedSum:
+class WeightedSum(Objective):
     """The sum of objectives, each with a weight."""
 
     def __init__(self, *parts: tuple[float, Objective]) -> None:
         self.parts = parts
 
-    def value(self, design: Design) -> float:
-        """Return the weighted sum."""
-        return sum(weight * part.value(design) for weight, part in self.parts)
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return the weighted sum for every design."""
+        return np.asarray(sum(weight * part.values(designs) for weight, part in self.parts))
 
-    def gradient(self, design: Design) -> tuple[float, Array]:
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
         """Return the weighted sum and its derivatives."""
         terms = [(weight, part.gradient(design)) for weight, part in self.parts]
         value = sum(weight * term[0] for weight, term in terms)
-        return value, np.asarray(sum(weight * term[1] for weight, term in terms))
+        by_phi, by_power = (
+            np.asarray(sum(weight * term[part] for weight, term in terms)) for part in (1, 2)
+        )
+        return value, by_phi, by_power
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,26 +104,30 @@ def refine_locally(scorer: TableScorer, start: Design) -> LocalOptimum:
     those of LEDs that are on.
     """
     began = time.perf_counter()
-    exact = Differentiator(scorer)
-    on = np.zeros(start.drive.shape, dtype=bool)
-    if scorer.limits.continuous_power:
-        on = start.drive > 0.0
-
-    def gradient(design: Design) -> tuple[float, Array]:
-        at = exact.at(design.phi, design.power)
-        return at.score, np.concatenate([at.phi, (at.power @ design.palette.matrix.T)[on]])
-
-    first = ScoredDesign(start, scorer.score(start.phi, start.power))
-    best, evaluated = _ascend(scorer, first, gradient, on, {"maxiter": MAX_ITERATIONS})
+    goal = NominalScore(scorer)
+    best, evaluated = _ascend(
+        scorer, goal, start, scorer.limits, {"maxiter": MAX_ITERATIONS, "ftol": EXACT}
+    )
     score = scorer.score(best.design.phi, best.design.power)
     return LocalOptimum(best.design, score, evaluated, time.perf_counter() - began)
 
 
-def refine_directions(scorer: TableScorer, objective: Objective, start: Design) -> ScoredDesign:
-    """Return the best directions near ``start``, with the objective there."""
-    first = ScoredDesign(start, objective.value(start))
-    powers = np.zeros(start.drive.shape, dtype=bool)
-    return _ascend(scorer, first, objective.gradient, powers, DIRECTIONS_OPTIONS)[0]
+def refine_by(scorer: TableScorer, objective: Objective, start: Design) -> ScoredDesign:
+    """Return the local optimum of ``objective`` near ``start``, with the objective there.
+
+    What moves is what `refine_locally` moves. Where directions have steps, those nearest to the
+    optimum without steps are tried.
+    """
+    limits = scorer.limits
+    best = _ascend(scorer, objective, start, limits, DEAR_OPTIONS)[0]
+    if limits.step > 0.0:
+        free = replace(limits, step=0.0)
+        loose = _ascend(scorer, objective, start, free, DEAR_OPTIONS)[0].design
+        near = replace(loose, phi=limits.nearest_directions(loose.phi))
+        value = float(objective.values([near])[0])
+        if value > best.score:
+            best = ScoredDesign(near, value)
+    return best
 
 
 def multi_start(
@@ -116,76 +138,117 @@ def multi_start(
 ) -> ScoredDesign:
     """Return the best design by ``objective`` within the limits of ``scorer``.
 
-    Directions are improved from every one of ``starts``; then one fiber of the best design after
-    the other takes another color, with directions improved anew, as long as that helps.
+    Every one of ``starts`` is refined; from the best of them on, one fiber takes another color or
+    two exchange theirs, as long as that helps, and what that reaches is refined anew.
     """
-    optima, clock = [], Clock(len(starts) + 1, progress)
+    clock = Clock(len(starts) + CLIMBS, progress)
+    optima = []
     for start in starts:
-        optima.append(refine_directions(scorer, objective, start))
+        optima.append(refine_by(scorer, objective, start))
         clock.tick()
-    best = max(optima, key=lambda optimum: optimum.score)
-    while recolored := _recolored(scorer, objective, best.design):
-        refined = refine_directions(scorer, objective, recolored)
-        if refined.score <= best.score:
-            break
+    optima.sort(key=lambda optimum: -optimum.score)
+    climbed = []
+    for optimum in optima[:CLIMBS]:
+        climbed.append(_climb(scorer, objective, optimum))
+        clock.tick()
+    return max(climbed, key=lambda optimum: optimum.score)
+
+
+def _climb(scorer: TableScorer, objective: Objective, best: ScoredDesign) -> ScoredDesign:
+    """Return what moves of colors, refined whenever none is left, reach from ``best``."""
+    while True:
+        refined = refine_by(scorer, objective, _recolored(scorer, objective, best).design)
+        if refined.score <= best.score + LEAST_GAIN * abs(best.score):
+            return best
         best = refined
-    clock.tick()
-    return best
 
 
-def _recolored(scorer: TableScorer, objective: Objective, design: Design) -> Design | None:
-    """Return the best design that another color of one fiber makes, None if none is better."""
-    best, best_value = None, objective.value(design)
-    for fiber, old in enumerate(design.colors):
-        choices = scorer.limits.colors_of(np.arange(scorer.limits.allowed.shape[1]))
-        for color in set(choices.tolist()) - {int(old)}:
-            colors = design.colors.copy()
-            colors[fiber] = color
-            if not scorer.limits.fits(colors[None])[0]:
-                continue
-            candidate = scorer.design(design.phi, colors)
-            value = objective.value(candidate)
-            if value > best_value:
-                best, best_value = candidate, value
-    return best
+def _recolored(scorer: TableScorer, objective: Objective, best: ScoredDesign) -> ScoredDesign:
+    """Return what moves of single colors and of pairs reach from ``best`` at its directions.
+
+    Moves are tried in the order that the objective's slopes foresee, until one helps or none is
+    left.
+    """
+    while True:
+        moved = _moves(scorer, best.design)
+        _, _, by_power = objective.gradient(best.design)
+        foreseen = [float((by_power * (move.power - best.design.power)).sum()) for move in moved]
+        moved = [moved[place] for place in np.argsort(foreseen, kind="stable")[::-1]]
+        for first in range(0, len(moved), TRIED_AT_ONCE):
+            tried = moved[first : first + TRIED_AT_ONCE]
+            values = objective.values(tried)
+            leader = int(np.argmax(values))
+            if values[leader] > best.score + LEAST_GAIN * abs(best.score):
+                best = ScoredDesign(tried[leader], float(values[leader]))
+                break
+        else:
+            return best
+
+
+def _moves(scorer: TableScorer, design: Design) -> list[Design]:
+    """Return the allowed designs that another color of one fiber makes, or a swap of two."""
+    limits, old = scorer.limits, design.colors
+    choices = limits.colors_of(np.arange(limits.allowed.shape[1]))
+    colorings = []
+    for fiber, color in itertools.product(range(len(old)), choices):
+        if color != old[fiber]:
+            colorings.append(np.where(np.arange(len(old)) == fiber, color, old))
+    for first, second in itertools.combinations(range(len(old)), 2):
+        if old[first] != old[second]:
+            swapped = old.copy()
+            swapped[[first, second]] = old[[second, first]]
+            colorings.append(swapped)
+    if not colorings:
+        return []
+    allowed = np.array(colorings)[limits.fits(np.array(colorings))]
+    made = []
+    for colors in allowed:
+        moved = scorer.design(design.phi, colors)
+        same = (colors == old)[:, None]
+        made.append(replace(moved, drive=np.where(same, design.drive, moved.drive)))
+    return made
 
 
 def _ascend(
     scorer: TableScorer,
-    start: ScoredDesign,
-    gradient: Callable[[Design], tuple[float, Array]],
-    on: np.ndarray,
+    objective: Objective,
+    start: Design,
+    limits: SearchLimits,
     options: dict[str, float],
 ) -> tuple[ScoredDesign, int]:
     """Return the best design that L-BFGS-B meets from ``start``, and how many it tries.
 
     Where it ends on fibers that would meet in their holder, SLSQP (Kraft 1988) climbs from the
     best design so far, with the distances of neighbors as constraints.
-
-    ``gradient`` returns a score and its derivatives by all directions, then by the powers ``on``
-    ``(F, color)``, which move too.
     """
     from scipy.optimize import minimize
 
-    low, high = _direction_bounds(scorer, start.design.phi)
+    on = np.zeros(start.drive.shape, dtype=bool)
+    if limits.continuous_power:
+        on = start.drive > 0.0
+    low, high = _direction_bounds(scorer, limits, start.phi)
     full = np.broadcast_to(scorer.led_power, on.shape)[on]
-    fibers, best, evaluated = len(low), start, 1
+    best = ScoredDesign(start, float(objective.values([start])[0]))
+    fibers, evaluated = len(low), 1
+    if not on.any() and (low == high).all():
+        return best, evaluated
 
     def loss(x: Array) -> tuple[float, Array]:
         nonlocal best, evaluated
-        drive = start.design.drive.copy()
+        drive = start.drive.copy()
         drive[on] = np.clip(x[fibers:], 0.0, full)
-        design = replace(start.design, phi=np.clip(x[:fibers], low, high), drive=drive)
-        score, slopes = gradient(design)
+        design = replace(start, phi=np.clip(x[:fibers], low, high), drive=drive)
+        score, by_phi, by_power = objective.gradient(design)
+        slopes = np.concatenate([by_phi, (by_power @ design.palette.matrix.T)[on]])
         evaluated += 1
-        if score > best.score and scorer.limits.fits_holder(design.phi):
+        if score > best.score and limits.fits_holder(design.phi):
             best = ScoredDesign(design, score)
         return -score, -slopes
 
     bounds = [*zip(low, high, strict=True), *((0.0, limit) for limit in full)]
-    begin = np.concatenate([start.design.phi, start.design.drive[on]])
+    begin = np.concatenate([start.phi, start.drive[on]])
     end = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    if (holder := scorer.limits.holder) and not scorer.limits.fits_holder(end[:fibers]):
+    if (holder := limits.holder) and not limits.fits_holder(end[:fibers]):
         minimize(
             loss,
             np.concatenate([best.design.phi, best.design.drive[on]]),
@@ -193,14 +256,16 @@ def _ascend(
             method="SLSQP",
             bounds=bounds,
             constraints={"type": "ineq", "fun": lambda x: holder.slack(x[:fibers])},
-            options={"maxiter": options["maxiter"], "ftol": 1e-7 * max(abs(best.score), 1e-12)},
+            options={
+                "maxiter": options["maxiter"],
+                "ftol": options["ftol"] * max(abs(best.score), 1e-12),
+            },
         )
     return best, evaluated
 
 
-def _direction_bounds(scorer: TableScorer, phi: Array) -> tuple[Array, Array]:
+def _direction_bounds(scorer: TableScorer, limits: SearchLimits, phi: Array) -> tuple[Array, Array]:
     """Return the ends of the allowed interval around every direction, ``(F,)`` rad each."""
-    limits = scorer.limits
     if limits.step > 0.0:
         return phi, phi
     first, last = scorer.phi_bounds

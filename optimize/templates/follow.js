@@ -36,11 +36,9 @@ function finalists(entries) {
     const row = body.insertRow();
     if (entry.best) row.className = "best";
     cell(row, entry.title);
-    const rated = entry.score !== undefined;
-    cell(row, rated ? entry.score.toFixed(1) : "being rendered");
-    cell(row, rated ? `${entry.interval[0].toFixed(1)} to ${entry.interval[1].toFixed(1)}` : "");
-    const gain = rated && entry.gain !== null;
-    cell(row, gain ? `${entry.gain >= 0 ? "+" : ""}${entry.gain.toFixed(1)} ± ${entry.gain_se.toFixed(1)}` : "–");
+    cell(row, entry.figure || "being rendered");
+    cell(row, entry.interval || "");
+    cell(row, entry.gain || "–");
   }
 }
 
@@ -58,8 +56,7 @@ function show(night) {
   part("percent").textContent = percent;
   const left = night.eta_seconds;
   fact("left", left === null ? "" : `${duration(left)}, until about ${clock(new Date(Date.now() + 1000 * left))}`);
-  const best = night.best;
-  fact("best", best && `${best.score.toFixed(2)} (${best.interval[0].toFixed(2)} to ${best.interval[1].toFixed(2)}), level ${best.level}, ${best.design}`);
+  fact("best", night.best_words);
   fact("renders", `${night.evaluations} in ${duration(night.render_seconds)} of rendering`);
   fact("worked", `${duration(night.seconds)} in ${night.attempts} ${night.attempts === 1 ? "attempt" : "attempts"}`);
   fact("holder", night.holder);

@@ -1,9 +1,8 @@
-"""Designs at level 2: verification, the loop in which renders decide, the thesis procedure."""
+"""Designs by renders: verification, the loop in which renders decide, the thesis procedure."""
 
 from optimize.verification.design_proposals import Proposal
 from optimize.verification.design_renders import (
     DesignRenders,
-    FinalistEvaluation,
     RenderDesigns,
     distinct_directions,
     pooled_renders,
@@ -14,6 +13,8 @@ from optimize.verification.design_verification import (
     verification_within,
     verify,
 )
+from optimize.verification.finalists import FinalistEvaluation
+from optimize.verification.judges import Judge, judge_of
 from optimize.verification.optimization import (
     Optimization,
     OptimizationMethod,

@@ -4,6 +4,7 @@ The surrogate proposes. Its best design alone would never show where it is wrong
 rendered with it: of the next-best ones the one that is expected to gain most over the best by the
 surrogate's own errors (expected improvement: Mockus 1978, Jones, Schonlau and Welch 1998), and a
 random one. What counts is the error of the difference: designs that are alike share theirs.
+Errors of the surrogate are known for S alone: for a reader the next-best design is the rival.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 
 from optimize.design import Array, Colors, Design, ScoredDesign
 from optimize.scoring import TIE_DRAWS, TableScorer, score_draws
-from optimize.search import alternating_search, refine_locally
+from optimize.search import Objective, refine_by, refine_locally
 from optimize.search.colors import canonical, quick_colors, renamed_like
+from optimize.verification.judges import Judge
 
 ALTERNATIVES = 8
 """Next-best colorings that get directions of their own: local optima, then neighbors."""
@@ -30,12 +32,12 @@ MIRROR_TOLERANCE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Proposal(ScoredDesign):
-    """A design that is to be rendered, with its score S on the surrogate.
+    """A design that is to be rendered, with the judge's figure on the surrogate as its score.
 
     Arguments:
         role: ``baseline``, ``first``, ``incumbent``, ``best``, ``uncertain`` (the likeliest rival)
             or ``random``.
-        spread: one standard deviation of the score.
+        spread: one standard deviation of S; 0 where it is not known.
     """
 
     role: str
@@ -45,8 +47,8 @@ class Proposal(ScoredDesign):
 def propose(
     scorer: TableScorer,
     start: Design,
+    judge: Judge,
     *,
-    edges: Sequence[str],
     seed: int,
     known: Sequence[Design] = (),
 ) -> list[Proposal]:
@@ -55,15 +57,18 @@ def propose(
     Arguments:
         scorer: the surrogate's table as it stands.
         start: where the search begins.
-        edges: the side of each fiber.
+        judge: says what is better.
         seed: of the search and of the random design.
         known: designs that were rendered before; they are not proposed again.
     """
-    best = alternating_search(scorer, start, edges=edges, seed=seed).design
-    top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
-    colorings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
+    goal, by_score = judge.on_table(scorer), judge.objective == "score"
+    best = judge.search(scorer, start, seed)
+    colorings: list[Colors] = []
+    if by_score:
+        top = quick_colors(scorer, best.phi, starts=[best.colors], seed=seed).top
+        colorings = [np.array(row) for row, _ in top[: ALTERNATIVES + 1]]
     others: list[Design] = []
-    for colors in [*colorings, *_recolored(scorer, best)]:
+    for colors in [*colorings, *_recolored(scorer, goal, best)]:
         if len(others) == ALTERNATIVES:
             break
         if scorer.colors_alike:
@@ -71,18 +76,24 @@ def propose(
         recolored = scorer.design(best.phi, colors)
         if np.array_equal(recolored.drive, best.drive):
             continue
-        refined = refine_locally(scorer, recolored).design
-        if not _is_mirror_image(scorer, refined, best):
-            others.append(refined)
-    chosen = [proposal_of(scorer, "best", best)]
+        near = refine_locally(scorer, recolored) if by_score else refine_by(scorer, goal, recolored)
+        if not _is_mirror_image(scorer, goal, near.design, best):
+            others.append(near.design)
+    # A recolored neighbor may reach further than the search did.
+    found = sorted([best, *others], key=goal.value, reverse=True)
+    best, others = found[0], found[1:]
+    chosen = [proposal_of(scorer, judge, "best", best)]
     if others:
-        rival = max(others, key=lambda design: expected_improvement(scorer, design, best))
-        chosen.append(proposal_of(scorer, "uncertain", rival))
-    chosen.append(proposal_of(scorer, "random", random_design(scorer, seed)))
+
+        def promise(design: Design) -> float:
+            return expected_improvement(scorer, design, best) if by_score else goal.value(design)
+
+        chosen.append(proposal_of(scorer, judge, "uncertain", max(others, key=promise)))
+    chosen.append(proposal_of(scorer, judge, "random", random_design(scorer, seed)))
     return [p for p in chosen if not any(same_design(p.design, old) for old in known)]
 
 
-def _recolored(scorer: TableScorer, best: Design) -> list[Colors]:
+def _recolored(scorer: TableScorer, goal: Objective, best: Design) -> list[Colors]:
     """Return the allowed colorings that differ in one fiber from ``best``, best first."""
     limits = scorer.limits
     if not limits.fits(best.colors[None])[0]:
@@ -94,28 +105,29 @@ def _recolored(scorer: TableScorer, best: Design) -> list[Colors]:
     moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % max(choices - 1, 1)) % choices
     moved = limits.colors_of(moved)
     moved = moved[limits.fits(moved)]
-    return list(moved[np.argsort(-scorer.scores(moved, best.phi), kind="stable")])
+    values = goal.values([scorer.design(best.phi, colors) for colors in moved])
+    return list(moved[np.argsort(-values, kind="stable")])
 
 
-def _is_mirror_image(scorer: TableScorer, first: Design, second: Design) -> bool:
+def _is_mirror_image(scorer: TableScorer, goal: Objective, first: Design, second: Design) -> bool:
     """Return whether one design is the other seen in a mirror, so that it would tie for certain.
 
-    Fibers are numbered around the pad, so a mirror reverses their order; equal scores say that the
-    sensor is symmetric.
+    Fibers are numbered around the pad, so a mirror reverses their order; equal figures say that
+    the sensor is symmetric.
     """
     if not scorer.colors_alike or (first.colors < 0).any() or (second.colors < 0).any():
         return False
-    scores = [scorer.score(design.phi, design.power) for design in (first, second)]
+    scores = goal.values([first, second])
     reversed_ = canonical(first.colors[None, ::-1])[0]
     alike = np.array_equal(reversed_, canonical(second.colors[None])[0])
     return alike and abs(scores[0] - scores[1]) < MIRROR_TOLERANCE * abs(scores[1])
 
 
-def proposal_of(scorer: TableScorer, role: str, design: Design) -> Proposal:
-    """Return the proposal of ``design`` with score and spread on ``scorer``'s table."""
-    score = scorer.score(design.phi, design.power)
+def proposal_of(scorer: TableScorer, judge: Judge, role: str, design: Design) -> Proposal:
+    """Return the proposal of ``design`` with figure and spread on ``scorer``'s table."""
+    score = judge.on_table(scorer).value(design)
     spread = 0.0
-    if scorer.table.se.any():
+    if scorer.table.se.any() and judge.objective == "score":
         drawn = score_draws(scorer, design.phi, design.power[None], TIE_DRAWS)
         spread = float(drawn.std(ddof=1))
     return Proposal(design, score, role, spread)

@@ -1,4 +1,4 @@
-"""Verification: a design against the baseline at level 2, with honest error bars.
+"""Verification: a design against the baseline by renders, with honest error bars.
 
 Both designs are rendered with the same seeds. Scores come from the renderer's independent
 replicates by the jackknife, because noise makes the plain score too low, and the difference is
@@ -7,14 +7,16 @@ jackknifed jointly so that noise which both share cancels.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from optimize.design import RatedDesign, ScoreSettings
+from optimize.design import RatedDesign
+from optimize.objectives import ERROR_KEYS, ReaderName
+from optimize.readers import ModelColors, RenderedDegrees, rendered_degrees
 from optimize.scoring import JackknifeEstimate, RenderedScore, predict_design, search_table
 from optimize.verification.design_renders import (
     DesignRenders,
@@ -41,7 +43,8 @@ SCORING_SECONDS, SCORING_FRACTION = 1.0, 0.01
 class Verification:
     """What the reference renderer says about a design and about the surrogate.
 
-    ``doubt`` says why the renders have not converged; "" where they have.
+    ``degrees`` are those of both readers, by name; ``doubt`` says why the renders have not
+    converged; "" where they have.
     """
 
     baseline: RenderedScore
@@ -51,15 +54,12 @@ class Verification:
     render_seconds: float
     seeds: tuple[int, ...]
     samples: int
+    degrees: Mapping[ReaderName, RenderedDegrees]
     doubt: str = ""
 
     def __repr__(self) -> str:
         """Return the difference and the conclusion in one line."""
-        low, high = self.difference.interval()
-        return (
-            f"<Verification: {self.difference.value:+.1f} ({low:+.1f} to {high:+.1f}) against the "
-            f"baseline. {self.conclusion}>"
-        )
+        return f"<Verification: {' '.join(self.conclusions)}>"
 
     def _repr_html_(self) -> str:
         """Return the line and the scores with their 95 % intervals."""
@@ -76,8 +76,33 @@ class Verification:
         return tabled(repr(self), ("", "score, counts", "95 % interval"), rows)
 
     @property
+    def conclusions(self) -> list[str]:
+        """What the renders decide, the degrees of the sensor reader first."""
+        if self.doubt:
+            return [self.conclusion]
+        return [self.reader_conclusion("sensor"), self.reader_conclusion("place"), self.conclusion]
+
+    def reader_conclusion(self, reader: ReaderName) -> str:
+        """Say in one sentence which design a reader reads better."""
+        difference = self.error(reader, "difference")
+        low, high = difference.interval()
+        verdict = "reads both alike within the error bars; render longer to decide"
+        if high < 0.0 or low > 0.0:
+            word = "better" if high < 0.0 else "worse"
+            verdict = f"reads the design {word} than the baseline by more than the error bars"
+        change = f"{difference.value:+.2f}°, {low:+.2f}° to {high:+.2f}°"
+        return f"The {reader} reader {verdict} ({change})."
+
+    def error(self, reader: ReaderName, part: str) -> JackknifeEstimate:
+        """Return a reader's error of ``baseline`` or ``design``, or their ``difference``, deg."""
+        found = self.degrees[reader]
+        if part == "difference":
+            return found.difference(0, 1)
+        return found.errors[("baseline", "design").index(part)]
+
+    @property
     def conclusion(self) -> str:
-        """The conclusion in one sentence."""
+        """The conclusion on S in one sentence."""
         if self.doubt:
             return f"The renders have not converged and decide nothing: {self.doubt}."
         low, high = self.difference.interval()
@@ -96,12 +121,14 @@ class Verification:
                     "se": rated.score.se,
                     "interval": list(rated.score.interval()),
                     "clipped": rated.clipped,
+                    **self._degrees_to_json(name),
                 }
                 for name, rated in (("baseline", self.baseline), ("design", self.design))
             },
             "difference": {
                 "value": self.difference.value,
                 "interval": list(self.difference.interval()),
+                **self._degrees_to_json("difference"),
             },
             "surrogate": {
                 "score": self.surrogate_score,
@@ -111,6 +138,15 @@ class Verification:
             "render_seconds": self.render_seconds,
             "seeds": list(self.seeds),
         }
+
+    def _degrees_to_json(self, part: str) -> dict[str, Any]:
+        """Return both readers' degrees of ``baseline``, ``design`` or ``difference``."""
+        told: dict[str, Any] = {}
+        for reader, key in ERROR_KEYS.items():
+            found = self.error(reader, part)
+            told[f"{key}_deg"] = found.value
+            told[f"{key}_interval"] = list(found.interval())
+        return told
 
 
 def verify(
@@ -148,8 +184,9 @@ def verify(
     bends = np.array(candidate.scene.state_axis)
     predicted = predict_design(model, design, bends)
     return paired_comparison(
-        candidate.settings,
+        candidate,
         pair,
+        ModelColors.of(model, [baseline, design]),
         surrogate_score=float(predicted["score"]),
         seeds=tuple(seeds),
         samples=samples,
@@ -157,21 +194,28 @@ def verify(
 
 
 def pair_allocation(candidate: RatedDesign, model: Checker) -> SampleAllocation:
-    """Return the allocation of the renders of ``candidate`` and its baseline."""
+    """Return the allocation of the renders of ``candidate`` and its baseline.
+
+    Readers see the untouched pad too.
+    """
     designs = [candidate.baseline, candidate.design]
     table = search_table(model)
-    return score_allocation(candidate.scene, table, candidate.settings, designs, leader=1)
+    return score_allocation(
+        candidate.scene, table, candidate.settings, designs, leader=1, untouched=True
+    )
 
 
 def paired_comparison(
-    settings: ScoreSettings,
+    candidate: RatedDesign,
     pair: DesignRenders,
+    model: ModelColors | None,
     *,
     surrogate_score: float,
     seeds: tuple[int, ...],
     samples: int,
 ) -> Verification:
-    """Score the renders of the baseline and of a design, made with common seeds."""
+    """Score and read the renders of the baseline and of ``candidate``, made with common seeds."""
+    settings = candidate.settings
     return Verification(
         baseline=pair.score(settings, 0),
         design=pair.score(settings, 1),
@@ -180,6 +224,7 @@ def paired_comparison(
         render_seconds=pair.seconds,
         seeds=seeds,
         samples=samples,
+        degrees=rendered_degrees(candidate.scene, pair.colors(settings), model=model),
         doubt=next(filter(None, (pair.doubt(settings, index, samples) for index in (1, 0))), ""),
     )
 

@@ -1,4 +1,4 @@
-"""Optimizing at level 2: the verification loop, the thesis procedure, or both side by side."""
+"""Optimizing by renders: the verification loop, the thesis procedure, or both side by side."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from optimize.design import (
     limits_of,
     turning_limits,
 )
+from optimize.objectives import ERROR_KEYS, ObjectiveName
 from optimize.scoring import JackknifeEstimate, RankAgreement, search_table
 from optimize.search import population
-from optimize.verification.design_renders import (
-    FinalistEvaluation,
-    RenderDesigns,
-    evaluate_finalists,
-)
+from optimize.verification.design_renders import RenderDesigns
+from optimize.verification.finalists import FinalistEvaluation, evaluate_finalists
+from optimize.verification.judges import Judge, judge_of
 from optimize.verification.score_allocation import score_allocation
 from optimize.verification.thesis import GENERATIONS, ThesisResult, thesis_procedure
 from optimize.verification.verification_loop import (
@@ -57,6 +56,7 @@ class OptimizeConfig:
 
     Arguments:
         method: ``loop``, ``thesis`` or ``both``.
+        objective: what decides; the thesis's procedure itself searches for S.
         samples: per cell and render, the same for both methods.
         final_samples: per cell, seed and finalist.
         final_seeds: independent renders of a batch of the finalists.
@@ -66,6 +66,7 @@ class OptimizeConfig:
     """
 
     method: OptimizationMethod = "loop"
+    objective: ObjectiveName = "sensor"
     samples: int = 96
     final_samples: int = 192
     final_seeds: int = 2
@@ -118,7 +119,7 @@ def optimize(
     render: RenderDesigns,
     config: OptimizeConfig,
     *,
-    on_round: Callable[[LoopRound], None] | None = None,
+    on_round: Callable[[LoopRound, Judge], None] | None = None,
     on_candidate: Callable[[int, int, float], None] | None = None,
 ) -> Optimization:
     """Return the outcome of the methods asked for, verified by renders that both share.
@@ -128,12 +129,13 @@ def optimize(
         checker: its surrogate; the thesis alone can do without.
         render: renders designs together.
         config: what is run.
-        on_round: called after every round of the loop.
+        on_round: called after every round of the loop, with what judges it.
         on_candidate: called after every generation of the thesis, see `thesis_procedure`.
     """
     baseline, edges = dimmed_baseline(scene), fiber_edges(scene)
     scale = scene_scale(scene) if checker is None else checker
     settings = ScoreSettings(scale.exposure, scale.lam)
+    judge = judge_of(config.objective, scene, settings, checker)
     table = None if checker is None else search_table(checker)
     seeds = SEED_STRIDE * (config.seed + 1)
     loop = thesis = None
@@ -160,7 +162,7 @@ def optimize(
         seconds = math.inf
         if thesis is not None:
             seconds = rounds_seconds(thesis.seconds, thesis.runs, config)
-        loop = _run_loop(scene, checker, table, baseline, render, config, seconds, on_round)
+        loop = _run_loop(judge, checker, table, baseline, render, config, seconds, on_round)
         wall["loop"] = time.monotonic() - began
         best = loop.candidates[:2]
         found = zip(("winner", "runner-up"), best, strict=False)
@@ -173,13 +175,15 @@ def optimize(
     names, designs = zip(*finalists, strict=True)
     evaluation = evaluate_finalists(
         render,
-        settings,
+        judge,
         finalists,
         samples=config.final_samples,
         seeds=[seeds + FINAL_SEED + i for i in range(config.final_seeds)],
         leader=leader,
         seconds=free,
-        allocation=score_allocation(scene, table, settings, designs, leader=names.index(leader)),
+        allocation=score_allocation(
+            scene, table, settings, designs, leader=names.index(leader), untouched=True
+        ),
     )
     if loop is not None and evaluation.best("winner") == "runner-up":
         swapped = {"winner": "runner-up", "runner-up": "winner"}
@@ -200,27 +204,19 @@ def rounds_seconds(thesis: float, renders: int, config: OptimizeConfig) -> float
 
 
 def _run_loop(
-    scene: Scene,
+    judge: Judge,
     checker: Checker,
     table: TransportTable,
     baseline: Design,
     render: RenderDesigns,
     config: OptimizeConfig,
     seconds: float,
-    report: Callable[[LoopRound], None] | None,
+    report: Callable[[LoopRound, Judge], None] | None,
 ) -> LoopResult:
     amount = LoopConfig(config.samples, config.rounds, config.seed, seconds=seconds)
-    loop = VerificationLoop(
-        table,
-        baseline,
-        render,
-        SceneRefit(scene, checker),
-        fiber_edges(scene),
-        amount,
-        limits_of(scene),
-        scene=scene,
-    )
-    return loop.run(report)
+    refit, limits = SceneRefit(judge.scene, checker), limits_of(judge.scene)
+    loop = VerificationLoop(judge, table, baseline, render, refit, amount, limits)
+    return loop.run(None if report is None else lambda done: report(done, judge))
 
 
 def _training_seconds(checker: Checker | None) -> float | None:
@@ -250,16 +246,9 @@ def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> d
         "scene": scene.name,
         "scene_hash": scene.hash,
         "level": "reference",
+        "objective": finalists.judge.objective,
         "design": str(design),
-        "finalists": {
-            name: {
-                "score": _estimate(finalists.score(name).score),
-                "gain": None
-                if name == "baseline"
-                else _estimate(finalists.difference("baseline", name), finalists.confidence),
-            }
-            for name in finalists.names
-        },
+        "finalists": {name: _finalist(finalists, name) for name in finalists.names},
         "final_render_seconds": finalists.renders.seconds,
         "surrogate_training_render_seconds": outcome.training_seconds,
         "all_in_render_seconds": {
@@ -277,7 +266,7 @@ def optimization_to_json(scene: Scene, outcome: Optimization, design: Path) -> d
             "verdict": finalists.comparison("runner-up", "winner")
             if "runner-up" in finalists.names
             else None,
-            "rounds": [_round(entry) for entry in outcome.loop.rounds],
+            "rounds": [_round(entry, finalists.judge) for entry in outcome.loop.rounds],
         }
     if outcome.thesis is not None:
         result["thesis"] = {
@@ -302,7 +291,26 @@ def _estimate(estimate: JackknifeEstimate, confidence: float = 0.95) -> dict[str
     }
 
 
-def _round(loop_round: LoopRound) -> dict[str, object]:
+def _finalist(finalists: FinalistEvaluation, name: str) -> dict[str, object]:
+    """Return S and degrees of a finalist, with what each is more than the baseline's."""
+    told: dict[str, object] = {"score": _estimate(finalists.score(name).score), "gain": None}
+    for reader, key in ERROR_KEYS.items():
+        told[f"{key}_deg"] = _estimate(finalists.error(name, reader))
+        told[f"{key}_gain_deg"] = None
+    if name != "baseline":
+        told["gain"] = _estimate(finalists.difference("baseline", name), finalists.confidence)
+        for reader, key in ERROR_KEYS.items():
+            gain = finalists.error_difference("baseline", name, reader)
+            told[f"{key}_gain_deg"] = _estimate(gain, finalists.confidence)
+    return told
+
+
+def _round(loop_round: LoopRound, judge: Judge) -> dict[str, object]:
+    """Return a round in the judge's own unit, counts or degrees."""
+
+    def told(estimate: JackknifeEstimate) -> dict[str, object]:
+        return _estimate(estimate if judge.sign > 0 else -estimate)
+
     gains: list[JackknifeEstimate | None] = [None, *loop_round.gains]
     return {
         "number": loop_round.number,
@@ -314,13 +322,14 @@ def _round(loop_round: LoopRound) -> dict[str, object]:
             {
                 "role": entry.role,
                 **_described(entry.design),
-                "predicted": entry.score,
+                "predicted": judge.sign * entry.score,
                 "spread": entry.spread,
-                "score": _estimate(rendered.score),
-                "gain": None if gain is None else _estimate(gain),
+                "rendered": told(rendered),
+                "converged": known,
+                "gain": None if gain is None else told(gain),
             }
-            for entry, rendered, gain in zip(
-                loop_round.proposals, loop_round.scores, gains, strict=True
+            for entry, rendered, known, gain in zip(
+                loop_round.proposals, loop_round.values, loop_round.converged, gains, strict=True
             )
         ],
     }

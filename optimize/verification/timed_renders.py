@@ -16,11 +16,11 @@ import numpy as np
 
 from optimize.design import Design
 from optimize.verification.design_renders import (
-    FINALISTS,
     DesignRenders,
     distinct_directions,
     reference_renders,
 )
+from optimize.verification.finalists import FINALISTS
 from optimize.verification.score_allocation import allocation_digest
 from render.progress import OnProgress, Progress, in_stage
 from render.reference import (

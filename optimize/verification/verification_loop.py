@@ -22,22 +22,23 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoreSettings, SearchLimits
+from optimize.design import Array, Design, SearchLimits
 from optimize.scoring import (
     JackknifeEstimate,
     RankAgreement,
-    RenderedScore,
     TableScorer,
     pooled_estimate,
     rank_agreement,
 )
 from optimize.ui.console import counted
 from optimize.verification.design_proposals import Proposal, proposal_of, propose, same_design
-from optimize.verification.design_renders import ALPHA, DesignRenders, RenderDesigns
+from optimize.verification.design_renders import DesignRenders, RenderDesigns
+from optimize.verification.finalists import ALPHA
+from optimize.verification.judges import Judge
 from optimize.verification.score_allocation import score_allocation
 from render.chebyshev import interpolation_weights
 from render.errors import TableError
-from render.reference import EVERYTHING, SampleAllocation
+from render.reference import SampleAllocation
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -86,16 +87,18 @@ class RenderedRound:
     Arguments:
         proposals: what was rendered, the baseline and the surrogate's first optimum first;
             predictions are those before the refit.
-        scores: theirs.
-        gains: score minus the baseline's, paired.
+        values: the judge's figures of them; more is better.
+        converged: whether noise leaves them a figure; where not, error bars are too short.
+        gains: figure minus the baseline's, paired.
         agreement: of predicted and rendered ranking.
         seconds: of rendering.
-        interval: 95 % interval of the score of design j minus that of design i.
+        interval: 95 % interval of the figure of design j minus that of design i.
     """
 
     number: int
     proposals: tuple[Proposal, ...]
-    scores: tuple[RenderedScore, ...]
+    values: tuple[JackknifeEstimate, ...]
+    converged: tuple[bool, ...]
     gains: tuple[JackknifeEstimate, ...]
     agreement: RankAgreement
     seconds: float
@@ -182,36 +185,32 @@ class VerificationLoop:
     refit of its own, because a refit takes all renders so far.
 
     Arguments of the constructor:
+        judge: says what is better, of designs of which sensor.
         table: the surrogate's, with background.
         baseline: the design to beat; it is rendered in every round.
         render: renders designs together.
         refitter: of the surrogate.
-        edges: the side of each fiber.
         config: how much is rendered.
         limits: of what is proposed.
         start: searches begin there while the surrogate rates it above the best candidate.
-        scene: the sensor; samples then go where they move the scores of the leaders.
     """
 
     def __init__(
         self,
+        judge: Judge,
         table: TransportTable,
         baseline: Design,
         render: RenderDesigns,
         refitter: SurrogateRefit,
-        edges: Sequence[str],
         config: LoopConfig,
         limits: SearchLimits | None = None,
         start: Design | None = None,
-        scene: Scene | None = None,
     ) -> None:
         """Begin without candidates."""
-        self.scene = scene
+        self.judge = judge
         self.original = self.table = table
         self.baseline, self.renderer, self.refitter = baseline, render, refitter
-        self.edges, self.config, self.limits = edges, config, limits
-        self.start = start
-        self.settings = ScoreSettings(table.exposure, table.lam)
+        self.config, self.limits, self.start = config, limits, start
         self.candidates: list[Candidate] = []
         self.runs: list[NewRenders] = []
         self.agreement: RankAgreement | None = None
@@ -260,14 +259,15 @@ class VerificationLoop:
         (``incumbent``), then what is new.
         """
         scorer = TableScorer(self.table, limits=self.limits)
+        goal = self.judge.on_table(scorer)
         leaders = [entry.design for entry in self.ranking()[: CHALLENGERS + 1]]
         starts = [*leaders, *([] if self.start is None else [self.start])] or [self.baseline]
-        best = max(starts, key=lambda design: scorer.score(design.phi, design.power))
+        best = max(starts, key=goal.value)
         known = [entry.design for entry in self.candidates]
         seed = SEED_STRIDE * self.config.seed + number
-        proposed = propose(scorer, best, edges=self.edges, seed=seed, known=known)
+        proposed = propose(scorer, best, self.judge, seed=seed, known=known)
         if self.agreement is not None:
-            tau, leader = self.agreement.tau, scorer.score(leaders[0].phi, leaders[0].power)
+            tau, leader = self.agreement.tau, goal.value(leaders[0])
             highest = max((p.score for p in proposed if p.role == "best"), default=leader)
             converged = highest - leader < MIN_RELATIVE_GAIN * abs(leader)
             if not proposed or (converged and tau is not None and tau >= MIN_TAU):
@@ -276,7 +276,7 @@ class VerificationLoop:
             proposed[0] = replace(proposed[0], role=FIRST)
         again = [("baseline", self.baseline), *((FIRST, design) for design in known[:1])]
         again += [("incumbent", design) for design in leaders if design is not known[0]]
-        return [*(proposal_of(scorer, *entry) for entry in again), *proposed]
+        return [*(proposal_of(scorer, self.judge, *entry) for entry in again), *proposed]
 
     def allocation(self, proposals: Sequence[Proposal]) -> SampleAllocation:
         """Return where the samples of a round go: to the first optimum and its challengers.
@@ -284,14 +284,12 @@ class VerificationLoop:
         That the baseline and the random design are worse takes few of them. The table is the
         surrogate's as it was shipped, which no render has changed.
         """
-        if self.scene is None:
-            return EVERYTHING
         rivals = [i for i, entry in enumerate(proposals) if entry.role not in FAR_BEHIND]
         designs = [entry.design for entry in proposals]
         return score_allocation(
-            self.scene,
+            self.judge.scene,
             self.original,
-            self.settings,
+            self.judge.settings,
             designs,
             leader=1,
             rivals=rivals,
@@ -310,16 +308,17 @@ class VerificationLoop:
             title=f"round {number}",
             allocation=allocation,
         )
-        scores = [renders.score(self.settings, i) for i in range(len(proposals))]
-        gains = [renders.difference(self.settings, 0, i) for i in range(1, len(proposals))]
+        judged = self.judge.judged(renders)
+        values = [judged.value(i) for i in range(len(proposals))]
+        gains = [judged.difference(0, i) for i in range(1, len(proposals))]
         for index, proposal in enumerate(proposals[1:], start=1):
             candidate = self._candidate(proposal)
             if index > 1:
-                candidate.gains.append(renders.difference(self.settings, 1, index))
+                candidate.gains.append(judged.difference(1, index))
                 self.misfit += self._misfit(proposals[1], proposal, candidate.gains[-1])
 
         def interval(i: int, j: int) -> tuple[float, float]:
-            return renders.difference(self.settings, i, j).interval()
+            return judged.difference(i, j).interval()
 
         predicted = np.array([entry.score for entry in proposals])
         self.agreement = rank_agreement(predicted, interval)
@@ -327,7 +326,8 @@ class VerificationLoop:
         return RenderedRound(
             number,
             tuple(proposals),
-            tuple(scores),
+            tuple(values),
+            tuple(not renders.doubt(self.judge.settings, i) for i in range(len(proposals))),
             tuple(gains),
             self.agreement,
             renders.seconds,
@@ -351,15 +351,15 @@ class VerificationLoop:
         """Render, measure and refit."""
         rendered = self.render(number, proposals, self.allocation(proposals))
         correction = self.refit()
-        scorer = TableScorer(self.table, limits=self.limits)
-        after = [scorer.score(entry.design.phi, entry.design.power) for entry in proposals]
-        refitted = rank_agreement(np.array(after), rendered.interval)
+        goal = self.judge.on_table(TableScorer(self.table, limits=self.limits))
+        after = goal.values([entry.design for entry in proposals])
+        refitted = rank_agreement(after, rendered.interval)
         return LoopRound(**vars(rendered), refitted=refitted, correction=correction)
 
     def _misfit(self, first: Proposal, other: Proposal, gain: JackknifeEstimate) -> float:
         """Return chi-square of the gain that was predicted, minus that without a refit."""
-        original = TableScorer(self.original)
-        without = [original.score(entry.design.phi, entry.design.power) for entry in (first, other)]
+        original = self.judge.on_table(TableScorer(self.original))
+        without = original.values([first.design, other.design])
         errors = np.array([other.score - first.score, without[1] - without[0]]) - gain.value
         squares = (errors / max(gain.se, 1e-12)) ** 2
         return float(squares[0] - squares[1])
@@ -379,9 +379,7 @@ class VerificationLoop:
         return NewRenders(
             phi=phi,
             bends=self.original.bends,
-            replicates=np.concatenate(
-                [renders.replicates, np.expand_dims(renders.background, 5)], axis=5
-            ),
+            replicates=renders.with_pad,
             predicted=np.stack([_predicted(self.original, row) for row in phi]),
         )
 

@@ -26,7 +26,7 @@ from render.arrays import Array
 from render.cells.fiber_light import FiberLight
 from render.paths.vertex import Vertex, channel_mean, empty_vertex
 from render.paths.walk import begin_subpath, sample_scattering, trace_segment
-from render.sampling.streams import ROUNDS, HashedStream, key
+from render.sampling.streams import HashedStream, key, tea
 
 Numbered: TypeAlias = "NDArray[np.int64]"
 """Which place or bin each photon or slot is of."""
@@ -203,7 +203,7 @@ def _followed(
     The second value is how far they went from their lamp, or from where a volume scattered them.
     """
     lane = dr.arange(mi.UInt32, photons)
-    seed, _ = mi.sample_tea_32(lane, key(0, 4, 0), ROUNDS)
+    seed, _ = tea([lane, key(0, 4, 0)])
     stream = HashedStream(seed ^ fiber)
     pick_node, u, v_angle, free = stream.event(mi.UInt32(0))
     x, y, _, _ = stream.event(mi.UInt32(1))

@@ -52,9 +52,9 @@ def check_rendered(scene: Scene, bends: Iterable[float]) -> None:
     walls = _trapping_walls(scene) if flat else _metal_walls(scene, FACING[:1])
     if walls:
         raise RenderError(
-            f"level 2 does not render lamps cast into silicone between {walls}: light goes to and "
-            "fro between them, beyond what samples can know; allowed: a roughness or black paint "
-            "on one of them, or lamps outside; explore works without renders",
+            f"the reference does not render lamps cast into silicone between {walls}: light goes "
+            "to and fro between them, beyond what samples can know; allowed: a roughness or black "
+            "paint on one of them, or lamps outside; explore works without renders",
             field="faces",
         )
 

@@ -29,7 +29,6 @@ from render.paths.vertex import (
     Vertex,
     channel_mean,
     empty_vertex,
-    evaluate_scattering,
     surface_interaction,
 )
 from render.paths.walk import SubpathState
@@ -112,6 +111,7 @@ class Emission:
                 tables.append(emitter.step_sums)
         self.count = len(emitters)
         self.media = any(_has_medium(part) for part in (*scene.shapes(), *emitters, around))
+        self.nulls = any(map(_may_be_null, scene.shapes()))
         self.kinds = frozenset(kinds)
         # Places on these are not drawn evenly.
         self.textured = {
@@ -120,6 +120,8 @@ class Emission:
             if kinds[i] == AREA and mi.has_flag(emitter.flags(), mi.EmitterFlags.SpatiallyVarying)
         }
         self.scene = scene
+        # Dr.Jit calls a single emitter without a table of functions.
+        self.only = emitters[0] if self.count == 1 else None
         self.pointers = scene.emitters_dr()
         # Dr.Jit numbers the emitters of all scenes that are alive: number -> place in this scene.
         numbers = np.array(dr.reinterpret_array(mi.UInt32, self.pointers))
@@ -145,6 +147,8 @@ class Emission:
 
     def _is(self, index: mi.UInt32, *kinds: int) -> mi.Bool:
         """Return whether the emitters ``index`` are of one of the kinds."""
+        if not self._has(*kinds) or self.kinds <= set(kinds):
+            return mi.Bool(self._has(*kinds))  # known when kernels are compiled
         kind, result = dr.gather(mi.UInt32, self.kind, index), mi.Bool(False)
         for k in kinds:
             result |= kind == k
@@ -188,12 +192,20 @@ class Emission:
             local = dr.select(self._is(index, POINT, SPOT), cone, local)
         return local
 
-    def start(self, pick: mi.Float, square: mi.Point2f, u: mi.Float, v: mi.Float) -> EmittedRay:
-        """Sample rays that leave the emitters."""
+    def _picked(
+        self, pick: mi.Float
+    ) -> tuple[mi.UInt32, mi.EmitterPtr | mi.Emitter, mi.Bool, mi.Bool]:
+        """Return the number of an emitter, itself, and whether it is afar or a point."""
         index = dr.minimum(mi.UInt32(pick * self.count), self.count - 1)
         emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
-        parallel = self._is(index, DIRECTIONAL, ENVIRONMENT)
-        point = self._is(index, POINT, SPOT)
+        if self.only is not None:
+            index, emitter = mi.UInt32(0), self.only
+        afar = self._is(index, DIRECTIONAL, ENVIRONMENT)
+        return index, emitter, afar, self._is(index, POINT, SPOT)
+
+    def start(self, pick: mi.Float, square: mi.Point2f, u: mi.Float, v: mi.Float) -> EmittedRay:
+        """Sample rays that leave the emitters."""
+        index, emitter, parallel, point = self._picked(pick)
         ps, _ = emitter.sample_position(mi.Float(0.0), square, ~parallel)
         frame = mi.Frame3f(
             dr.select(point & (dr.squared_norm(ps.n) == 0), mi.Normal3f(0, 0, 1), ps.n)
@@ -206,8 +218,9 @@ class Emission:
         cosine = dr.select(point, 1.0, dr.maximum(local.z, 0.0))
         pdf = position_pdf * direction_pdf
         offset = (1.0 + dr.max(dr.abs(ps.p))) * mi.math.RayEpsilon
-        shape = emitter.get_shape()
-        outside = dr.select(point, emitter.get_medium(), shape.exterior_medium())
+        pointer = mi.EmitterPtr(emitter)
+        shape = pointer.get_shape()
+        outside = dr.select(point, pointer.get_medium(), shape.exterior_medium())
         ray = EmittedRay(
             o=mi.Point3f(ps.p + dr.select(point, 0.0, offset) * mi.Vector3f(frame.n)),
             d=d,
@@ -285,7 +298,7 @@ class Emission:
         active = active & ~v.volume
         emitter = v.shape.emitter()
         hit = active & (emitter != None)  # noqa: E711 (a Dr.Jit pointer array)
-        radiance = emitter.eval(si, hit)
+        radiance = (self.only or emitter).eval(si, hit)
         number = dr.reinterpret_array(mi.UInt32, emitter)
         index = dr.gather(mi.UInt32, self.places, number, hit)
         position_pdf = dr.rcp(dr.gather(mi.Float, self.area, index))
@@ -327,18 +340,17 @@ class Emission:
         return dr.select(active, state.beta * relative / forward * radiance / (1.0 + ratio), 0.0)
 
     def direct(
-        self, scene: mi.Scene, v: Vertex, pick: mi.Float, square: mi.Point2f, active: mi.Bool
-    ) -> mi.Spectrum:
-        """Return the MIS-weighted direct light at camera vertex ``v`` (s = 1).
+        self, v: Vertex, sample: LightSample, scattered: tuple[mi.Spectrum, mi.Float, mi.Float],
+        active: mi.Bool,
+    ) -> mi.Spectrum:  # fmt: skip
+        """Return the MIS-weighted direct light at camera vertex ``v`` (s = 1), from ``sample``.
 
         Georgiev 2012, eqs. 44, 45 and 37, with positions sampled per area.
         """
-        sample = self._seen_from(v, pick, square, active)
-        active = active & (sample.pdf > 0) & (dr.max(sample.received) > 0)
-        value, pdf, reverse = evaluate_scattering(v, sample.d, mi.TransportMode.Radiance, active)
+        value, pdf, reverse = scattered
         value = v.beta * value * sample.received
         active = active & (dr.max(value) > 0)
-        depth, clear = optical_depth(scene, v, sample.end, active)
+        depth, clear = optical_depth(self.scene, v, sample.end, active, self.nulls)
         transmittance = dr.exp(-depth)
         # Against a camera subpath that runs into the emitter, and light subpaths that reach v.
         facing = sample.cosine / sample.squared
@@ -349,14 +361,11 @@ class Emission:
         mis = 1.0 / (1.0 + hit + light * (v.d_vcm + v.d_vc * reverse))
         return dr.select(active & clear, value * transmittance * mis, 0.0)
 
-    def _seen_from(
+    def seen_from(
         self, v: Vertex, pick: mi.Float, square: mi.Point2f, active: mi.Bool
     ) -> LightSample:
         """Choose an emitter, and a place on it or a direction to it."""
-        index = dr.minimum(mi.UInt32(pick * self.count), self.count - 1)
-        emitter = dr.gather(mi.EmitterPtr, self.pointers, index)
-        parallel = self._is(index, DIRECTIONAL, ENVIRONMENT)
-        point = self._is(index, POINT, SPOT)
+        index, emitter, parallel, point = self._picked(pick)
         ps, _ = emitter.sample_position(mi.Float(0.0), square, active & ~parallel)
         span = ps.p - v.p
         squared = dr.squared_norm(span)
@@ -368,7 +377,7 @@ class Emission:
         radiance = self._radiance(emitter, point, ps, axis, -d)
         valid = active & (squared > 0) & (cosine > 0) & (pdf > 0)
         end = empty_vertex()
-        end.p, end.n, end.shape = ps.p, mi.Normal3f(axis), emitter.get_shape()
+        end.p, end.n, end.shape = ps.p, mi.Normal3f(axis), mi.EmitterPtr(emitter).get_shape()
         # A point has no surface to step off: treat it like a vertex in a volume.
         end.volume = mi.Bool(point)
         sample = LightSample(
@@ -399,6 +408,14 @@ def _has_medium(part: mi.Shape | mi.Endpoint | None) -> bool:
             return True
         return part.interior_medium() is not None or part.exterior_medium() is not None
     return part is not None and part.get_medium() is not None
+
+
+def _may_be_null(shape: mi.Shape) -> bool:
+    """Return whether light may pass a shape unchanged (``render.paths.vertex.is_null``)."""
+    # What is in a group is not shown.
+    return class_of(shape) == "Instance" or (
+        shape.bsdf() is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null)
+    )
 
 
 def shape_corners(shape: mi.Shape) -> Array:

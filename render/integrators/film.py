@@ -10,8 +10,8 @@ import numpy as np
 
 from render.arrays import Array
 
-CELL_STEPS = 256
-"""Points of the midpoint rule for what a filter integrates to over one pixel."""
+CELL_STEPS = 64
+"""Points of the midpoint rule for what a filter integrates to over one pixel, to 3e-5 of it."""
 
 
 class PixelFilter:
@@ -32,50 +32,65 @@ class PixelFilter:
         if not self.box:
             steps = (np.arange(CELL_STEPS) + 0.5) / CELL_STEPS - 0.5
             offsets = np.arange(-self.reach, self.reach + 1)
-            points = (offsets[:, None] + steps).ravel().astype(np.float32)
-            values = np.array(self.filter.eval(mi.Float(points)), dtype=np.float64)
-            cells = values.reshape(len(offsets), -1).mean(axis=1)
-            self.columns, self.rows = (self._integrals(cells, n) for n in film.crop_size())
+            # One by one they are literals, for which nothing is compiled.
+            values = [self.filter.eval(mi.Float(x))[0] for x in (offsets[:, None] + steps).flat]
+            cells = np.reshape(values, (len(offsets), -1)).mean(axis=1)
+            # About each column, then each row.
+            padded = [np.convolve(np.ones(n), cells)[self.reach :][:n] for n in film.crop_size()]
+            self.integrals = mi.Float(np.concatenate(padded).astype(np.float32))
 
-    def _integrals(self, cells: Array, size: int) -> mi.Float:
-        """Return the integral of f about each of ``size`` pixels, over all of them.
+    @dr.syntax
+    def pixels(
+        self, positions: list[mi.Point2f], numbers: list[mi.Float]
+    ) -> list[tuple[mi.UInt32, mi.Float]]:
+        """Return the pixel, row by row, that each of two samples counts for, and its weight.
 
-        ``cells`` are its integrals over a pixel and its neighbors.
+        ``positions`` are in pixels of the crop window; ``numbers`` are uniform. What is written
+        once, for both samples, axes and all pixels near, is compiled once.
         """
-        padded = np.convolve(np.ones(size), cells)
-        return mi.Float(padded[self.reach : self.reach + size].astype(np.float32))
+        found = [(mi.UInt32(0), mi.Float(0.0))] * 2
+        axis, number = mi.UInt32(0), mi.Float(0.0)
+        while axis < 4:
+            first, column = axis < 2, (axis & 1) == 0
+            pixel, weight = found[1]
+            position = dr.select(first, *positions)
+            x = dr.select(column, position.x, position.y)
+            size = dr.select(column, mi.UInt32(self.width), mi.UInt32(self.height))
+            chosen = dr.minimum(mi.UInt32(dr.maximum(x, 0.0)), size - 1)
+            along = mi.Float(1.0)
+            if not self.box:
+                number = dr.select(column, dr.select(first, *numbers), number)
+                chosen, total, number = self._drawn(x, chosen, size, number)
+                place = chosen + dr.select(column, 0, self.width)
+                along = total / dr.gather(mi.Float, self.integrals, place)
+            pixel = dr.select(column, chosen, chosen * self.width + pixel)
+            weight = dr.select(column, along, along * weight)
+            found = [dr.select(first, (pixel, weight), found[0]), (pixel, weight)]
+            axis += 1
+        return found
 
-    def pixel(self, position: mi.Point2f, number: mi.Float) -> tuple[mi.UInt32, mi.Float | float]:
-        """Return the pixel, row by row, that samples at ``position`` count for, and their weight.
-
-        ``position`` is in pixels of the crop window; ``number`` is uniform.
-        """
-        column = dr.minimum(mi.UInt32(dr.maximum(position.x, 0.0)), self.width - 1)
-        row = dr.minimum(mi.UInt32(dr.maximum(position.y, 0.0)), self.height - 1)
-        if self.box:
-            return row * self.width + column, 1.0
-        column, across, number = self._drawn(position.x, column, self.columns, number)
-        row, along, _ = self._drawn(position.y, row, self.rows, number)
-        return row * self.width + column, across * along
-
+    @dr.syntax
     def _drawn(
-        self, x: mi.Float, cell: mi.UInt32, integrals: mi.Float, number: mi.Float
+        self, x: mi.Float, cell: mi.UInt32, size: mi.UInt32, number: mi.Float
     ) -> tuple[mi.UInt32, mi.Float, mi.Float]:
-        """Return a pixel near ``x`` in ``cell``, its weight, and a uniform number again."""
-        size = dr.width(integrals)
-        places = [mi.Int32(cell) + k for k in range(-self.reach, self.reach + 1)]
-        values = [
-            dr.select((place >= 0) & (place < size), self.filter.eval(x - 0.5 - place), 0.0)
-            for place in places
-        ]
-        total = sum(values[1:], values[0])
-        left, chosen, again = number * total, mi.UInt32(cell), mi.Float(number)
-        for place, value in zip(places, values, strict=True):
-            here = (left >= 0.0) & (left < value)
+        """Return a pixel near ``x`` in ``cell``, what f sums up to there, and a number again."""
+        around = 2 * self.reach + 1
+        step, total, left = mi.Int32(0), mi.Float(0.0), mi.Float(0.0)
+        chosen, again = mi.UInt32(cell), mi.Float(number)
+        # All are summed up; then one is drawn.
+        while step < 2 * around:
+            draws = step >= around
+            place = mi.Int32(cell) + step - dr.select(draws, around, 0) - self.reach
+            value = self.filter.eval(x - 0.5 - place)
+            value = dr.select((place >= 0) & (place < mi.Int32(size)), value, 0.0)
+            left = dr.select(step == around, number * total, left)
+            here = draws & (left >= 0.0) & (left < value)
             chosen = dr.select(here, mi.UInt32(place), chosen)
             again = dr.select(here, left / value, again)
             left -= value
-        return chosen, total / dr.gather(mi.Float, integrals, chosen), again
+            total += dr.select(draws, 0.0, value)
+            step += 1
+        return chosen, total, again
 
 
 def store_picture(film: mi.Film, picture: Array, further: list[str]) -> None:

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from render.integrators.connections import Partners, connect_subpaths
+from render.integrators.connections import PROJECTION_WEIGHT, Partners, connect_subpaths
 from render.integrators.emitters import Emission, EmittedRay
 from render.integrators.film import PixelFilter
 from render.integrators.medium_boxes import MediumBoxes, refuse_undeclared_media
@@ -17,11 +17,10 @@ from render.integrators.subpaths import (
     PathLimits,
     SubpathStart,
     SubpathTracer,
-    connect_to_camera,
 )
-from render.integrators.supported_content import middle_of_view, refuse_unsupported
+from render.integrators.supported_content import refuse_unsupported
 from render.integrators.vertex_cache import LaneGroups, LightVertexCache
-from render.paths.vertex import VOLUME_PASSES, channel_mean, for_camera_passes
+from render.paths.vertex import channel_mean
 from render.sampling.proposals import Splat
 from render.sampling.streams import Numbers, Stream
 
@@ -29,9 +28,6 @@ CAMERA_STORED = 16
 LIGHT_STORED = 24
 SHARED_VERTICES, UNSHARED_VERTICES = 2, 6
 """Vertices that every light subpath keeps for connections, where lanes share them or do not."""
-PROJECTION_WEIGHT = 0.25
-"""What connecting a light vertex to the camera counts for, relative to connections of lanes that
-share vertices: many light subpaths are looked at for one that is projected."""
 
 
 class FilmSampler:
@@ -48,16 +44,17 @@ class FilmSampler:
         refuse_unsupported(scene, sensor)
         self.scene, self.sensor, self.limits = scene, sensor, limits
         self.groups: LaneGroups | None = None
+        self.lit = False  # whether light is known to arrive anywhere
         self.emission = Emission(scene, sensor)
         refuse_undeclared_media(scene, sensor, self.emission)
-        self.mirrors = MirrorSet.of(scene)
         self.boxes = MediumBoxes(scene, sensor)
-        self.tracer = SubpathTracer(scene, sensor, self.emission, limits)
+        self.tracer = SubpathTracer(scene, sensor, self.emission, limits, MirrorSet.of(scene))
         self.filter = PixelFilter(sensor.film())
         self.width, self.height = self.filter.width, self.filter.height
         self.bins = self.width * self.height
         self.channels = len(mi.Spectrum(0.0))
-        self.ahead = mi.Float(middle_of_view(sensor))
+        # The middle of the view: places near a camera far from the origin are not known well.
+        self.ahead = mi.Float(0.5 * (sensor.far_clip() - sensor.near_clip()))
         dr.make_opaque(self.ahead)
         self.medium = mi.MediumPtr(sensor.get_medium()) if sensor.get_medium() else None
 
@@ -82,31 +79,27 @@ class FilmSampler:
         place = start.place
         dr.schedule(place, filtered)
         # In memory, each camera subpath can look at light subpaths of other lanes.
-        radiance, kept = self.tracer.trace(start, stream, self.mirrors, slots)
+        radiance, kept = self.tracer.trace(start, stream, slots)
         # ------------------------------ Connections -----------------------------------
         cache = LightVertexCache(kept, slots, groups)
-        if not np.array(cache.represented).any():
+        self.lit = self.lit or bool(np.array(cache.represented).any())
+        if not self.lit:
             self.emission.refuse_dark()
-        partners = Partners(self.scene, kept, cache, light, self.limits, self.mirrors, self.boxes)
-        connected = connect_subpaths(partners, shared)
-        of_light = groups.lane + groups.lanes
-        y, projected_weight = kept.gather(of_light + 2 * slots * groups.lanes)
-        passes = mi.UInt32(VOLUME_PASSES if self.emission.media else 0)
-        where, projected = connect_to_camera(
-            self.scene, self.sensor, for_camera_passes(y.vertex, passes),
-            dr.gather(mi.Point2f, place, of_light), projection_weight, projected_weight > 0,
-        )  # fmt: skip
+        aperture = dr.gather(mi.Point2f, place, groups.lane + groups.lanes)
+        # Camera subpaths come first; those lanes are loaded, which is less than being gathered.
+        radiance, place, filtered = (
+            dr.reshape(x, lanes, shrink=True) for x in (radiance, place, filtered)
+        )
+        partners = Partners(self.tracer, kept, cache, light, self.boxes, shared, aperture)
+        connected, projected, where = connect_subpaths(partners)
         # A film position has density 1, a pixel the probability 1 / bins.
-        radiance = dr.gather(mi.Spectrum, radiance, groups.lane) + connected
-        place, filtered = (dr.gather(mi.Point2f, x, groups.lane) for x in (place, filtered))
-        pixel, weight = self.filter.pixel(place * mi.Vector2f(self.width, self.height), filtered.x)
-        other, other_weight = self.filter.pixel(where, filtered.y)
+        radiance += connected
+        place *= mi.Vector2f(self.width, self.height)
+        filtered = self.filter.pixels([place, where], [filtered.x, filtered.y])
         return [
-            Splat(pixel, [value * self.bins * weight for value in radiance]),
-            Splat(other, [
-                value * projected_weight * self.bins * other_weight for value in projected
-            ]),
-        ]  # fmt: skip
+            Splat(pixel, [value * self.bins * weight for value in light])
+            for (pixel, weight), light in zip(filtered, (radiance, projected), strict=True)
+        ]
 
     def _start(
         self, stream: Stream, of_light: mi.Bool, lane: mi.UInt32, projection_weight: float
@@ -116,15 +109,17 @@ class FilmSampler:
         Light vertices that are connected to the camera count ``projection_weight`` times as much
         as other connections.
         """
-        numbers, further = stream.event(mi.UInt32(0)), stream.event(mi.UInt32(1))
-        given = (lane, numbers, further, projection_weight)
-        start: SubpathStart = dr.if_stmt(given, of_light, self._light_start, self._camera_start)
+        numbers, further = stream.events(mi.UInt32(0), mi.UInt32(1))
+        # Not by a branch: Dr.Jit (1.5) has no place for a literal that is the same on both sides.
+        start: SubpathStart = dr.select(
+            of_light,
+            self._light_start(numbers, further),
+            self._camera_start(lane, numbers, further, projection_weight),
+        )
         start.of_light = of_light
         return start, mi.Point2f(numbers[2], numbers[3])
 
-    def _light_start(
-        self, _lane: mi.UInt32, numbers: Numbers, further: Numbers, _weight: float
-    ) -> SubpathStart:
+    def _light_start(self, numbers: Numbers, further: Numbers) -> SubpathStart:
         """Return where light subpaths begin."""
         pick, x, y, free = numbers
         u, w, *lens = further

@@ -51,11 +51,11 @@ Its direction varies about the mirror image's.
 class LightCandidate:
     """A light vertex that proxy weights drew for a camera vertex (a Dr.Jit PyTree).
 
-    ``index`` is its place in the cache; it stands for ``represented`` vertices. Mirror connections
+    ``row`` is where its record is; it stands for ``represented`` vertices. Mirror connections
     have a ``mirror`` too, which was selected with ``probability``.
     """
 
-    index: mi.UInt32
+    row: mi.UInt32
     represented: mi.Float
     mirror: mi.UInt32
     probability: mi.Float

@@ -31,9 +31,8 @@ from render.errors import RenderError
 from render.integrators.emitters import Emission, EmittedRay
 from render.integrators.mirror_connections import MirrorSet, connection_weight
 from render.integrators.supported_content import class_of
-from render.paths.connect import density_at, optical_depth, strategies_before
 from render.paths.mirrors import KeptVertex, SubpathTail, shared_d_vcm
-from render.paths.records import DrawnRecords, StackedRecords
+from render.paths.records import DrawnRecords
 from render.paths.vertex import (
     VOLUME_PASSES,
     EitherMode,
@@ -44,7 +43,6 @@ from render.paths.vertex import (
     evaluate_scattering,
     has_wide_lobe,
     passes_behind,
-    scattering_value,
 )
 from render.paths.walk import (
     PassableState,
@@ -114,6 +112,8 @@ MAIN, LATER, GLOSSY, MIRROR_END = range(4)
 one of the glossy ones, and the wide one that mirror connections start from."""
 _CONSTANT = ("weight", "delta")
 """Fields that are the same for all vertices that are kept."""
+_OF_MIRRORS = ("previous", "glossy_after_wide")
+"""Those that nothing reads without mirrors."""
 _OF_MEDIA = ("medium", "phase", "volume", "terminal", "passes", "d_vc_passing")
 """Those that are the same as well in scenes without media."""
 
@@ -175,10 +175,11 @@ class SubpathTracer:
     """Both kinds of subpaths of one scene, lane by lane, by one loop that is compiled once."""
 
     def __init__(
-        self, scene: mi.Scene, sensor: mi.Sensor, emission: Emission, limits: PathLimits
-    ) -> None:
+        self, scene: mi.Scene, sensor: mi.Sensor, emission: Emission, limits: PathLimits,
+        mirrors: MirrorSet | None,
+    ) -> None:  # fmt: skip
         """Take what subpaths know of the scene."""
-        self.scene, self.sensor, self.emission = scene, sensor, emission
+        self.scene, self.sensor, self.emission, self.mirrors = scene, sensor, emission, mirrors
         self.limits, self.media = limits, emission.media
         flags = [shape.bsdf().flags() for shape in scene.shapes() if shape.bsdf() is not None]
         # What is in groups of shapes is not shown.
@@ -186,7 +187,7 @@ class SubpathTracer:
         self.refracts = hidden or any(_refracts(kinds) for kinds in flags)
         # Kernels of simple scenes know that all is alike: so much less is compiled.
         self.like = SubpathVertex.none()
-        self.constant: tuple[str, ...] = _CONSTANT
+        self.constant: tuple[str, ...] = _CONSTANT + (_OF_MIRRORS if mirrors is None else ())
         if not self.media:
             self.constant += _OF_MEDIA
             if not (hidden or any(_is_glossy(kinds) for kinds in flags)):
@@ -195,8 +196,8 @@ class SubpathTracer:
 
     @dr.syntax
     def trace(
-        self, start: SubpathStart, stream: Stream, mirrors: MirrorSet | None, count: int
-    ) -> tuple[mi.Spectrum, StackedRecords]:
+        self, start: SubpathStart, stream: Stream, count: int
+    ) -> tuple[mi.Spectrum, DrawnRecords]:
         """Return what subpaths find by themselves, and the vertices that they keep.
 
         Those of the camera are ``MAIN`` to ``MIRROR_END``; light subpaths keep ``count`` drawn by
@@ -205,7 +206,7 @@ class SubpathTracer:
         (``render.integrators.connections``), by lanes that all do the same.
         """
         of_light, walk = start.of_light, self._begun(start)
-        camera_count = MIRROR_END if mirrors is None else MIRROR_END + 1
+        camera_count = MIRROR_END if self.mirrors is None else MIRROR_END + 1
         reservoirs = max(camera_count, count + 1)
         slots = DrawnRecords(self.like, dr.width(of_light), reservoirs, self.constant)
         drawn = slots.nothing
@@ -215,17 +216,24 @@ class SubpathTracer:
         active = dr.max(start.ray.beta) > 0  # lanes under way
         while active:
             edges, event = walk.edges, walk.event
-            v, met, arrived, escaped = self._arrive(start, walk, mirrors, active)
+            v, met, arrived, escaped = self._arrive(start, walk, active)
             # ------------ Emitters and direct light, or what is sent to the camera ------------
-            numbers, further = (stream.event(event + k * EVENT_BLOCK) for k in (1, 2))
+            several = (event + k * EVENT_BLOCK for k in range(3))
+            scattering, numbers, further = stream.events(*several)
             allowed = arrived & ~v.delta & (edges < edges_max)
-            sent, found = mi.Float(0.0), mi.Spectrum(0.0)
-            if of_light:
-                sent = _camera_target(self.sensor, v, start.place, allowed)
-            else:
-                found = met
-                square = mi.Point2f(numbers[1], numbers[2])
-                found += self.emission.direct(self.scene, v, numbers[0], square, allowed)
+            square, found = mi.Point2f(numbers[1], numbers[2]), mi.Spectrum(0.0)
+            lit, seen = allowed & ~of_light, allowed & of_light
+            sample = self.emission.seen_from(v, numbers[0], square, lit)
+            lens, importance, seen = lens_seen_from(self.sensor, v, start.place, seen)
+            seen |= lit & (sample.pdf > 0) & (dr.max(sample.received) > 0)
+            toward = dr.select(of_light, lens.d, sample.d)
+            mode = EitherMode(of_light, self.refracts)
+            scattered = evaluate_scattering(v, toward, mode, seen)
+            # To the lens in a vacuum, nothing in the way.
+            sent = channel_mean(v.beta * scattered[0] * importance)
+            sent = dr.select(seen & of_light, sent, 0.0)
+            if ~of_light:
+                found = met + self.emission.direct(v, sample, scattered, seen)
             walk.radiance += found
             # ----------------------------- Keep it, or do not ---------------------------------
             received = dr.select(arrived & ~v.delta, channel_mean(v.beta), 0.0)
@@ -238,8 +246,6 @@ class SubpathTracer:
             drawn = slots.updated(drawn, here, weights, draws)
             # ---------------------------- Scatter, or end the path ----------------------------
             going = arrived & (of_light | ~v.terminal) & (edges < edges_max)
-            mode = EitherMode(of_light, self.refracts)
-            scattering = stream.event(event)
             state, alive = sample_scattering(walk.state, v, mode, scattering, going)
             # Only a specular face leaves no light subpath that could have been connected here.
             walk.passes = dr.select(going & (state.d_vcm == 0), VOLUME_PASSES, walk.passes)
@@ -253,7 +259,8 @@ class SubpathTracer:
             walk.event = event + 1
         sharing = [dr.select(of_light, float(count), 1.0)] * count + [mi.Float(1.0)] * reservoirs
         dr.schedule(walk.radiance)  # by the same kernel
-        return walk.radiance, slots.stacked(drawn, sharing[:reservoirs])
+        slots.keep(drawn, sharing[:reservoirs])
+        return walk.radiance, slots
 
     def _begun(self, start: SubpathStart) -> _Walk:
         """Return the state of subpaths that have only begun."""
@@ -266,7 +273,7 @@ class SubpathTracer:
 
     @dr.syntax
     def _arrive(
-        self, start: SubpathStart, walk: _Walk, mirrors: MirrorSet | None, active: mi.Bool
+        self, start: SubpathStart, walk: _Walk, active: mi.Bool
     ) -> tuple[PassableVertex, mi.Spectrum, mi.Bool, mi.Bool]:
         """Let a subpath go on to a vertex; return it and what the camera meets of emitters.
 
@@ -277,7 +284,9 @@ class SubpathTracer:
             walk.state = in_vacuum(walk.state)
         # Nothing behind the far plane is seen, but the sky.
         reach = dr.select(first, start.far, dr.inf)
-        walk.state, v, arrived, escaped = trace_segment(self.scene, walk.state, active, reach)
+        walk.state, v, arrived, escaped = trace_segment(
+            self.scene, walk.state, active, reach, self.emission.nulls
+        )
         # Light from afar has no distance.
         length = dr.select(start.ray.parallel & first, walk.state.length, 1.0)
         v.d_vcm /= dr.square(dr.maximum(length, 1e-20))
@@ -288,7 +297,7 @@ class SubpathTracer:
             met = self.emission.met(v, dr.select(first, 0.0, v.d_vcm), arrived)
             met += self.emission.escaped(walk.state, first, escaped)
         strategy = connection_weight(v, walk.tail, from_camera, first)
-        d_vcm = shared_d_vcm(mirrors, v, walk.tail, arrived, from_camera, strategy)
+        d_vcm = shared_d_vcm(self.mirrors, v, walk.tail, arrived, from_camera, strategy)
         v.terminal = v.terminal & (start.of_light | (walk.passes == 0))
         walk.passes = dr.select(arrived, passes_behind(v, walk.passes), walk.passes)
         walk.tail = dr.select(arrived, walk.tail.then(v), walk.tail)
@@ -331,7 +340,7 @@ def _by_kind(
     return [dr.select(of_light, *pair) for pair in pairs][:count]
 
 
-def _lens_seen_from(
+def lens_seen_from(
     sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool
 ) -> tuple[mi.DirectionSample3f, mi.Spectrum, mi.Bool]:
     """Return a place on the lens as seen from ``v``, its importance, and whether there is any.
@@ -344,35 +353,3 @@ def _lens_seen_from(
     depth = dr.dot(it.p - ds.p, ds.n)
     active = active & (ds.pdf > 0) & (dr.max(importance) > 0)
     return ds, importance, active & (depth >= sensor.near_clip()) & (depth <= sensor.far_clip())
-
-
-def _camera_target(sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, active: mi.Bool) -> mi.Float:
-    """Return what ``v`` sends to the lens in a vacuum, nothing in the way."""
-    ds, importance, active = _lens_seen_from(sensor, v, aperture, active)
-    sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
-    return dr.select(active, channel_mean(sent), 0.0)
-
-
-def connect_to_camera(
-    scene: mi.Scene, sensor: mi.Sensor, v: Vertex, aperture: mi.Point2f, projection_weight: float,
-    active: mi.Bool,
-) -> tuple[mi.Point2f, mi.Spectrum]:  # fmt: skip
-    """Return the film position of light vertex ``v`` and its MIS-weighted value there (t = 1).
-
-    Two uniform numbers, ``aperture``, choose a place on the lens. This strategy counts
-    ``projection_weight`` times as much as others.
-    """
-    ds, importance, active = _lens_seen_from(sensor, v, aperture, active)
-    value, _, reverse = evaluate_scattering(v, ds.d, mi.TransportMode.Importance, active)
-    value = v.beta * value * importance
-    active = active & (dr.max(value) > 0)
-    eye = empty_vertex()
-    # The near clipping plane hides all that is before it.
-    near = sensor.near_clip() / dr.select(active, -dr.dot(ds.d, ds.n), 1.0)
-    eye.p, eye.volume = ds.p - near * ds.d, mi.Bool(True)
-    depth, clear = optical_depth(scene, v, eye, active)
-    transmittance = dr.exp(-depth)
-    density = density_at(v, ds.d, channel_mean(importance), transmittance, active)
-    # Georgiev 2012, eqs. 46 and 37.
-    mis = 1.0 / (1.0 + density / projection_weight * strategies_before(v, reverse))
-    return ds.uv, dr.select(active & clear, value * transmittance * mis, 0.0)

@@ -14,21 +14,11 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from render.errors import RenderError
 from render.integrators.supported_plugins import PLUGINS, REFUSED
 
 VARIANTS = ("llvm_ad_mono", "llvm_ad_rgb", "cuda_ad_mono", "cuda_ad_rgb")
-EDGE, OFF_MAX = 1e-3, 1e-3
-"""How close to the edges of a picture it is tried whether cameras take light where they look, and
-how far off that may be, in widths of the picture."""
-ROUNDING = 4e-7
-"""Rounding of a place that a camera sees, relative to its coordinates.
-
-Seven roundings of 2^-24: of the ray's point, of the product with a matrix of four columns, and of
-the matrix itself, whose last column is as large as the coordinates.
-"""
 _BASES = {
     "sensor": "Sensor", "film": "Film", "rfilter": "ReconstructionFilter", "sampler": "Sampler",
     "emitter": "Emitter", "shape": "Shape", "bsdf": "BSDF", "medium": "Medium",
@@ -231,36 +221,15 @@ def _refuse_lens(sensor: mi.Sensor) -> None:
     Mitsuba's cameras do so, and ``ptracer`` lacks that light, with a principal point that is
     shifted, and with a focus that is not between the clipping planes.
     """
-    number = dr.arange(mi.UInt32, 64)
-    x, y = (dr.lerp(EDGE, 1.0 - EDGE, mi.Float(i) / 7.0) for i in (number % 8, number // 8))
-    place, size = mi.Point2f(x, y), mi.Vector2f(sensor.film().crop_size())
-    ray, _ = sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), place, mi.Point2f(y, x))
-    it = dr.zeros(mi.Interaction3f)
-    it.p = ray(middle_of_view(sensor))
-    ds, importance = sensor.sample_direction(it, mi.Point2f(y, x))
-    off, seen = dr.max(dr.abs(ds.uv - place * size) / size), dr.max(importance) > 0
-    dr.eval(it.p, off, seen, place)
-    points = np.array([np.array(axis) for axis in it.p])
-    width = (points.max(axis=1) - points.min(axis=1)).max()
-    rounding = ROUNDING * np.abs(points).max() / width
-    # It may put places at the edges of the picture beside it.
-    beside = np.abs(np.array([np.array(x), np.array(y)]) - 0.5).max(axis=0) > 0.5 - rounding
-    if (np.array(off) > OFF_MAX + rounding).any() or not (np.array(seen) | beside).all():
+    near, far = sensor.near_clip(), sensor.far_clip()
+    shifts = [_number(sensor, f"principal_point_offset_{axis}", 0.0) for axis in "xy"]
+    if any(shifts) or not near <= _number(sensor, "focus_distance", near) <= far:
         raise RenderError(
             f"sensor {sensor.id()!r} takes no light from where its own rays look, allowed: "
             "principal_point_offset_x and _y of 0, focus_distance between near_clip and far_clip; "
             "crop a larger film, or use path",
             field="sensor",
         )
-
-
-def middle_of_view(sensor: mi.Sensor) -> float:
-    """Return how far from the near clipping plane the middle between both planes is.
-
-    Places there are known relative to the size of the picture; those near a camera far from the
-    origin of the scene are not.
-    """
-    return 0.5 * (float(sensor.far_clip()) - float(sensor.near_clip()))
 
 
 def _number(part: mi.Object, name: str, default: float) -> float:

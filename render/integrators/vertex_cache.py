@@ -20,7 +20,7 @@ import numpy as np
 
 from render.integrators.resampling import PROXY_WORDS, LightProxies, PackedProxies
 from render.integrators.subpaths import SubpathVertex
-from render.paths.records import StackedRecords
+from render.paths.records import DrawnRecords
 from render.sampling.streams import Numbers
 
 SHARED_PATHS = 48
@@ -43,10 +43,14 @@ class LaneGroups:
 
     def __init__(self, lanes: int, groups: int, paths: int) -> None:
         """Upload the numbers: literal ones would be compiled into the kernels."""
-        self.lanes, self.groups, self.paths = (mi.UInt32(n) for n in (lanes, groups, paths))
-        dr.make_opaque(self.lanes, self.groups, self.paths)
+        numbers = (lanes, groups, paths, *divmod(lanes, groups))
+        self.lanes, self.groups, self.paths, self._least, self._more = map(mi.UInt32, numbers)
+        dr.make_opaque(self.lanes, self.groups, self.paths, self._least, self._more)
         self.count = groups
         self.lane = dr.arange(mi.UInt32, lanes)
+        # Outside of loops: divisions of integers are slow.
+        self.place, self.group, self.members = self._places(self.lane)
+        self.apart = dr.maximum(self.members // self.paths, 1)
 
     def film_positions(self, lane: mi.UInt32, numbers: Numbers, height: int) -> mi.Point2f:
         """Return uniform film positions in [0, 1)^2 of lanes, for uniform numbers.
@@ -54,7 +58,7 @@ class LaneGroups:
         ``height`` is the number of pixel rows, along which the strata run.
         """
         x, y = numbers[:2]
-        place, members = lane // self.groups, self.members(lane)
+        place, _, members = self._places(lane)
         # (place + x) / members of all rows; whole rows are counted in integers, which keeps all
         # bits of x.
         before = place * height // members
@@ -62,32 +66,30 @@ class LaneGroups:
         row = dr.floor(part)
         return mi.Point2f(part - row, (mi.Float(before) + row + y) / height)
 
-    def partner(self, lane: mi.UInt32, k: mi.UInt32) -> mi.UInt32:
-        """Return the lane whose light subpath is the ``k``-th partner of ``lane``; itself first.
+    def _places(self, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
+        """Return the places of lanes in their groups, the groups, and how many lanes these have."""
+        place = lane // self.groups
+        group = lane - place * self.groups
+        return place, group, self._least + dr.select(group < self._more, 1, 0)
+
+    def partner(self, k: mi.UInt32) -> mi.UInt32:
+        """Return the lanes whose light subpath is the ``k``-th partner of each; itself first.
 
         Partners are as far apart as can be, so that errors of pixels close by differ.
         """
-        members = self.members(lane)
-        step = dr.maximum(members // self.paths, 1)
-        place = (lane // self.groups + k * step) % members
-        return place * self.groups + lane % self.groups
-
-    def members(self, lane: mi.UInt32) -> mi.UInt32:
-        """Return how many lanes the group of ``lane`` has."""
-        return (self.lanes - lane % self.groups + self.groups - 1) // self.groups
+        return (self.place + k * self.apart) % self.members * self.groups + self.group
 
 
 class LightVertexCache:
     """All light vertices that are kept for connections: one slot of all lanes after the other."""
 
-    def __init__(self, kept: StackedRecords, slots: int, groups: LaneGroups) -> None:
+    def __init__(self, kept: DrawnRecords, slots: int, groups: LaneGroups) -> None:
         """Take ``slots`` vertices of each lane, which follow those of its camera subpath."""
         self.packed, self.groups, self.slots = kept.packed, groups, slots
         lanes = dr.width(groups.lane)
         number = dr.arange(mi.UInt32, slots * lanes)
-        there = number + (number // groups.lanes + 1) * groups.lanes
-        self.row = dr.gather(mi.UInt32, kept.row, there)
-        self.represented = dr.gather(mi.Float, kept.weight, there)
+        k = number // groups.lanes
+        self.row, self.represented = kept.drawn(number + groups.lanes - k * groups.lanes, k)
         vertices = kept.packed.gather(self.row, self.represented > 0)
         self.proxies = PackedProxies(LightProxies.of(vertices, self.represented))
         dr.eval(self.row, self.represented, self.proxies.rows)
@@ -95,14 +97,15 @@ class LightVertexCache:
     def index(self, number: mi.UInt32) -> mi.UInt32:
         """Return where the ``number``-th vertex of each lane's partners is."""
         k = number // self.slots
-        lane = self.groups.partner(self.groups.lane, k)
-        return (number - k * self.slots) * self.groups.lanes + lane
+        return (number - k * self.slots) * self.groups.lanes + self.groups.partner(k)
 
-    def vertex(self, index: mi.UInt32, active: mi.Bool) -> SubpathVertex:
-        """Return the vertices at ``index``."""
-        found: SubpathVertex = self.packed.gather(
-            dr.gather(mi.UInt32, self.row, index, active), active
-        )
+    def drawn(self, index: mi.UInt32) -> tuple[mi.UInt32, mi.Float]:
+        """Return where the records of the vertices at ``index`` are, and what they represent."""
+        return dr.gather(mi.UInt32, self.row, index), dr.gather(mi.Float, self.represented, index)
+
+    def vertex(self, row: mi.UInt32, active: mi.Bool) -> SubpathVertex:
+        """Return the vertices whose records are at ``row``."""
+        found: SubpathVertex = self.packed.gather(row, active)
         found.vertex.weight = mi.Float(1.0)
         return found
 
@@ -131,16 +134,15 @@ class MortonNeighbors:
         self.order, self.rank, sorted_keys = mi.UInt32(order), mi.Int32(rank), mi.UInt64(keys)
         starts = np.arange(groups.count + 1, dtype=np.uint64) << np.uint64(3 * MORTON_BITS)
         limits = mi.Int32(np.searchsorted(keys, starts).astype(np.int32))
-        mine = groups.lane % groups.groups
-        self.first, self.last = (dr.gather(mi.Int32, limits, mine + k) for k in range(2))
+        self.first, self.last = (dr.gather(mi.Int32, limits, groups.group + k) for k in range(2))
         first_point, cells = mi.Point3f(low.astype(np.float32)), mi.Float(scale)
         dr.make_opaque(first_point, cells)
         scaled = dr.clip((p - first_point) * cells, 0.0, MORTON_MAX)
         key = _interleaved([mi.UInt64(axis) for axis in scaled])
-        key += mi.UInt64(mine) << (3 * MORTON_BITS)
+        key += mi.UInt64(groups.group) << (3 * MORTON_BITS)
         self.place = _lower_bound(sorted_keys, key, self.first, self.last)
         # Light subpaths of the group for each that a camera subpath looks at.
-        self.ratio = mi.Float(groups.members(groups.lane)) / mi.Float(groups.paths)
+        self.ratio = mi.Float(groups.members) / mi.Float(groups.paths)
 
     def sample(self, number: mi.Float, count: int) -> tuple[mi.UInt32, mi.Float]:
         """Return the index of a vertex near each lane's point, one of ``count``.

@@ -44,11 +44,12 @@ def trace_to_surface(
         sigma_t = extinction(medium, going)[1]
         valid = going & si.is_valid()
         depth += dr.select(valid, sigma_t * si.t, 0.0)
-        crossing = valid & is_null(si)
+        bsdf = si.bsdf()
+        flags = bsdf.flags()
+        crossing = valid & is_null(flags)
         arrived = valid & ~crossing
-        flags = si.bsdf().flags()
         here = Vertex(
-            p=si.p, n=si.n, frame=si.sh_frame, wi=mi.Vector3f(-direction), uv=si.uv, bsdf=si.bsdf(),
+            p=si.p, n=si.n, frame=si.sh_frame, wi=mi.Vector3f(-direction), uv=si.uv, bsdf=bsdf,
             shape=si.shape, medium=medium, phase=dr.zeros(mi.PhaseFunctionPtr),
             volume=mi.Bool(False), diffuse=mi.has_flag(flags, mi.BSDFFlags.Diffuse),
             delta=~mi.has_flag(flags, mi.BSDFFlags.Smooth), terminal=mi.Bool(False),
@@ -64,18 +65,33 @@ def trace_to_surface(
     return surface, depth, hit
 
 
-@dr.syntax
 def optical_depth(
-    scene: mi.Scene, a: Vertex, b: Vertex, active: mi.Bool
+    scene: mi.Scene, a: Vertex, b: Vertex, active: mi.Bool, nulls: bool = True
 ) -> tuple[mi.Spectrum, mi.Bool]:
-    """Return the optical depth per channel between two vertices and whether they see each other."""
+    """Return the optical depth per channel between two vertices and whether they see each other.
+
+    Without ``nulls``, null boundaries, in the scene the whole way is through one medium.
+    """
     between = b.p - a.p
-    origin, medium = leave(a, between)  # where the ray goes on, and through what
+    origin, medium = leave(a, between)
     # Both ends are off their surfaces: a ray that is shorter, or parallel to the line between the
     # vertices instead, misses walls close to them.
     span = leave(b, -between)[0] - origin
-    remaining = dr.norm(span)  # distance to b
-    direction = span / dr.maximum(remaining, 1e-30)
+    distance = dr.norm(span)
+    ray = mi.Ray3f(mi.Ray3f(origin, span / dr.maximum(distance, 1e-30)), distance)
+    if nulls:
+        return _across_nulls(scene, ray, medium, active)
+    clear = active & ~scene.ray_test(ray, coherent=False, active=active)
+    return extinction(medium, active)[1] * distance, clear
+
+
+@dr.syntax
+def _across_nulls(
+    scene: mi.Scene, ray: mi.Ray3f, medium: mi.MediumPtr, active: mi.Bool
+) -> tuple[mi.Spectrum, mi.Bool]:
+    """Return what ``optical_depth`` does along ``ray``, which begins in ``medium``."""
+    origin, direction = mi.Point3f(ray.o), ray.d  # where the ray goes on
+    remaining = mi.Float(ray.maxt)  # distance to the end
     depth = mi.Spectrum(0.0)  # optical depth so far
     clear = mi.Bool(active)  # whether no real surface was in the way so far
     going = mi.Bool(active)  # lanes whose ray is under way
@@ -85,7 +101,7 @@ def optical_depth(
         sigma_t = extinction(medium, going)[1]
         depth += sigma_t * t
         hit = going & si.is_valid()
-        crossing = hit & is_null(si)
+        crossing = hit & is_null(si.bsdf().flags())
         clear &= ~hit | crossing
         beyond = si.spawn_ray(direction)
         step = dr.norm(beyond.o - origin)
@@ -133,8 +149,12 @@ def connection_contribution(
     extra: mi.Float | float = 0.0,
     glossy: float = 1.0,
     returning: GuidingDistribution | None = None,
+    lens: tuple[mi.Bool, float] | None = None,
 ) -> mi.Spectrum:
-    """Return what ``connect_vertices`` does for a known transmittance between the vertices."""
+    """Return what ``connect_vertices`` does for a known transmittance between the vertices.
+
+    ``lens`` says where ``z`` is on a lens, ``beta`` its importance, and what that strategy counts.
+    """
     span = z.p - y.p
     distance_squared = dr.squared_norm(span)
     w = span * dr.rsqrt(distance_squared)
@@ -142,6 +162,9 @@ def connection_contribution(
     f_y, p_y, r_y = evaluate_scattering(y, w, mi.TransportMode.Importance, active)
     f_z, p_z, r_z = evaluate_scattering(z, -w, mi.TransportMode.Radiance, active)
     p_z = guided_pdf(guiding, z, -w, p_z)
+    if lens is not None:
+        f_z = dr.select(lens[0], distance_squared, f_z)
+        p_z = dr.select(lens[0], channel_mean(z.beta) * distance_squared, p_z)
     value = y.beta * f_y * f_z * z.beta / distance_squared
     camera_density = density_at(y, w, p_z, transmittance, active) / distance_squared
     light_density = density_at(z, w, p_y, transmittance, active) / distance_squared
@@ -151,6 +174,7 @@ def connection_contribution(
     camera_ratio = light_density * (z.d_vcm + z.d_vc * r_z)
     # Eq. 37, with a weight for this strategy.
     strategy = dr.select(has_wide_lobe(y) & ~has_wide_lobe(z), glossy, 1.0)
+    strategy = strategy if lens is None else dr.select(lens[0], lens[1], strategy)
     mis = strategy / (strategy + light_ratio + camera_ratio + extra)
     return dr.select(active, value * transmittance * mis, 0.0)
 

@@ -6,7 +6,7 @@ A record is a dataclass of arrays, Mitsuba's structures and records (a Dr.Jit Py
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass
+from dataclasses import is_dataclass
 from itertools import count
 from typing import Any
 
@@ -14,6 +14,9 @@ import drjit as dr
 import mitsuba as mi
 
 from render.sampling.reservoirs import Reservoir
+
+SLOT_BITS = 4
+"""Of the number of a slot: eight reservoirs of a lane fit into one word."""
 
 
 def allocated(record: Any, size: int) -> Any:
@@ -30,11 +33,12 @@ class PackedRecords:
     def __init__(self, like: Any, size: int, constant: tuple[str, ...] = ()) -> None:
         """Make room for ``size`` records; fields named ``constant`` are always those of ``like``.
 
-        All flags are in the first word, every other number in one of its own.
+        All flags are in the first word, if there are any, every other number in one of its own.
         """
         self.like, self.constant = like, constant
-        numbers = sum(type(x) is not mi.Bool for x in _leaves(like, constant))
-        self.loads = (numbers + 4) // 4
+        flagged = [type(x) is mi.Bool for x in _leaves(like, constant)]
+        self.flags = any(flagged)
+        self.loads = -(-(flagged.count(False) + self.flags) // 4)
         self.rows = dr.empty(mi.UInt32, 4 * self.loads * size)
 
     @staticmethod
@@ -52,20 +56,15 @@ class PackedRecords:
         for k, flag in enumerate(x for x in leaves if type(x) is mi.Bool):
             flags |= dr.select(flag, mi.UInt32(1 << k), 0)
         numbers = [x for x in leaves if type(x) is not mi.Bool]
-        words = [flags, *(dr.reinterpret_array(mi.UInt32, x) for x in numbers)]
-        words += [mi.UInt32(0)] * (-len(words) % 4)
-        for i in range(self.loads):
-            load = mi.Vector4u(*words[4 * i : 4 * i + 4])
-            # Said to be apart, all of them are written by one kernel.
-            apart = dr.ReduceMode.NoConflicts
-            dr.scatter(self.rows, load, self.loads * index + i, active, mode=apart)
+        words = [dr.reinterpret_array(mi.UInt32, x) for x in numbers]
+        _write(self.rows, [flags, *words] if self.flags else words, index, active)
 
     def gather(self, index: mi.UInt32, active: mi.Bool | bool = True) -> Any:
         """Return the records at ``index``."""
         row = self.loads * index
         fetched = (dr.gather(mi.Vector4u, self.rows, row + i, active) for i in range(self.loads))
-        flags, *words = (word for load in fetched for word in load)
-        numbers, bits = iter(words), count()
+        numbers, bits = (word for load in fetched for word in load), count()
+        flags = next(numbers) if self.flags else mi.UInt32(0)
 
         def leaf(kind: Any) -> Any:
             if kind is mi.Bool:
@@ -85,9 +84,9 @@ class DrawnRecords:
         self, like: Any, lanes: int, reservoirs: int, constant: tuple[str, ...] = ()
     ) -> None:
         """Make room for records like ``like`` (``PackedRecords``)."""
-        slots = reservoirs + 1
-        self.packed = PackedRecords(like, slots * lanes, constant)
-        self.first = slots * dr.arange(mi.UInt32, lanes)
+        self.slots = reservoirs + 1
+        self.packed = PackedRecords(like, self.slots * lanes, constant)
+        self.first = self.slots * dr.arange(mi.UInt32, lanes)
         self.nothing = [Reservoir.holding(mi.UInt32(0)) for _ in range(reservoirs)]
 
     def updated(
@@ -108,36 +107,41 @@ class DrawnRecords:
         self.packed.write(record, self.first + free, kept)
         return after
 
-    def stacked(self, drawn: list[Reservoir], draws: list[mi.Float]) -> StackedRecords:
-        """Return what was drawn in the end, evaluated; ``draws`` of the same records share them."""
-        lanes, size = dr.width(self.first), len(drawn) * dr.width(self.first)
-        row, weight = dr.empty(mi.UInt32, size), dr.empty(mi.Float, size)
-        there, step = dr.arange(mi.UInt32, lanes), dr.opaque(mi.UInt32, lanes)
-        apart = dr.ReduceMode.NoConflicts
-        for one, n in zip(drawn, draws, strict=True):
-            dr.scatter(row, self.first + one.item, there, mode=apart)
-            dr.scatter(weight, one.contribution_weight(draws=n), there, mode=apart)
-            there += step
-        dr.eval(row, weight, self.packed.rows)
-        return StackedRecords(self.packed, row, weight)
+    def keep(self, drawn: list[Reservoir], draws: list[mi.Float]) -> None:
+        """Evaluate what was drawn in the end; ``draws`` of the same records share them.
+
+        The ``table`` has in which slots that is, in one word, and how many each stands for.
+        """
+        words, lanes = [mi.UInt32(0)], dr.width(self.first)
+        for k, (one, n) in enumerate(zip(drawn, draws, strict=True)):
+            words[0] |= one.item << (SLOT_BITS * k)
+            words.append(dr.reinterpret_array(mi.UInt32, one.contribution_weight(draws=n)))
+        self.size = -(-len(words) // 4) * 4
+        self.table = dr.empty(mi.UInt32, self.size * lanes)
+        _write(self.table, words, dr.arange(mi.UInt32, lanes))
+        dr.eval(self.table, self.packed.rows)
+
+    def drawn(self, lane: mi.UInt32, k: mi.UInt32) -> tuple[mi.UInt32, mi.Float]:
+        """Return the row of what the ``k``-th reservoir of ``lane`` has drawn.
+
+        And how many it stands for, 0 where there is none.
+        """
+        place = self.size * lane
+        items, weight = (dr.gather(mi.UInt32, self.table, i) for i in (place, place + 1 + k))
+        item = (items >> (SLOT_BITS * k)) & ((1 << SLOT_BITS) - 1)
+        return self.slots * lane + item, dr.reinterpret_array(mi.Float, weight)
 
 
-@dataclass
-class StackedRecords:
-    """Drawn records, those of one reservoir after the other.
-
-    ``row`` is where each is, and ``weight`` how many it stands for, 0 where there is none.
-    """
-
-    packed: PackedRecords
-    row: mi.UInt32
-    weight: mi.Float
-
-    def gather(self, index: mi.UInt32) -> tuple[Any, mi.Float]:
-        """Return the records at ``index``, and how many each stands for."""
-        weight = dr.gather(mi.Float, self.weight, index)
-        row = dr.gather(mi.UInt32, self.row, index)
-        return self.packed.gather(row, weight > 0), weight
+def _write(
+    rows: mi.UInt32, words: list[mi.UInt32], index: mi.UInt32, active: mi.Bool | bool = True
+) -> None:
+    """Write ``words`` to row ``index``, four by four."""
+    words = words + [mi.UInt32(0)] * (-len(words) % 4)
+    loads = len(words) // 4
+    for i in range(loads):
+        load = mi.Vector4u(*words[4 * i : 4 * i + 4])
+        # Said to be apart, all of them are written by one kernel.
+        dr.scatter(rows, load, loads * index + i, active, mode=dr.ReduceMode.NoConflicts)
 
 
 def _parts(tree: Any) -> list[tuple[Any, Any]] | None:

@@ -173,7 +173,7 @@ def medium_interaction(v: Vertex) -> mi.MediumInteraction3f:
 
 
 def evaluate_scattering(
-    v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode, active: mi.Bool
+    v: Vertex, wo: mi.Vector3f, mode: mi.TransportMode | EitherMode, active: mi.Bool
 ) -> tuple[mi.Spectrum, mi.Float, mi.Float]:
     """Return value, density of ``wo`` and density of the reverse, at ``v`` for a given ``wo``.
 
@@ -183,12 +183,11 @@ def evaluate_scattering(
     """
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)
-    context = mi.BSDFContext(mode)
     local = v.frame.to_local(wo)
-    value, pdf = v.bsdf.eval_pdf(context, si, local, surface)
+    value, pdf = by_mode(mode, surface, lambda how, on: v.bsdf.eval_pdf(how, si, local, on))
     back = mi.Vector3f(si.wi)
     si.wi = local
-    reverse = v.bsdf.pdf(context, si, back, surface)
+    reverse = v.bsdf.pdf(mi.BSDFContext(), si, back, surface)
     phase, phase_pdf = v.phase.eval_pdf(
         mi.PhaseFunctionContext(), medium_interaction(v), wo, volume
     )
@@ -251,9 +250,8 @@ def extinction(medium: mi.MediumPtr, active: mi.Bool) -> tuple[mi.Spectrum, mi.S
     return dr.select(inside, sigma_s, 0.0), dr.select(inside, sigma_t, 0.0)
 
 
-def is_null(si: mi.SurfaceInteraction3f) -> mi.Bool:
-    """Return whether a surface is an index-matched boundary that light passes unchanged."""
-    flags = si.bsdf().flags()
+def is_null(flags: mi.UInt32) -> mi.Bool:
+    """Return whether such a BSDF is an index-matched boundary that light passes unchanged."""
     # A thin pane of glass passes light unchanged too, but reflects some of it.
     reflects = mi.has_flag(flags, mi.BSDFFlags.DeltaReflection)
     non_delta = mi.has_flag(flags, mi.BSDFFlags.Smooth)

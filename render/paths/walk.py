@@ -134,12 +134,13 @@ def intersect(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.SurfaceInte
 
 
 def trace_segment(
-    scene: mi.Scene, state: SubpathState, active: mi.Bool, reach: mi.Float | None = None
-) -> tuple[SubpathState, Vertex, mi.Bool, mi.Bool]:
+    scene: mi.Scene, state: SubpathState, active: mi.Bool, reach: mi.Float | None = None,
+    nulls: bool = True,
+) -> tuple[SubpathState, Vertex, mi.Bool, mi.Bool]:  # fmt: skip
     """Cast one ray; return the state, the vertex, whether it is one, and whether light escaped.
 
     Neither means that a null boundary was crossed and the segment goes on. Light also escapes where
-    the segment gets as long as ``reach``, if that is given.
+    the segment gets as long as ``reach``, if that is given. ``nulls`` are such boundaries.
     """
     # -------------------- Free path, or the nearest surface ---------------------
     sigma_s, sigma_t = extinction(state.medium, active)
@@ -161,12 +162,13 @@ def trace_segment(
     state.depth = dr.select(moved, state.depth + sigma_t * t, state.depth)
     state.length = dr.select(moved, state.length + t, state.length)
     state.tau = dr.select(moved, state.tau - driving * t, state.tau)
-    crossing = moved & ~volume & is_null(si)
+    bsdf = si.bsdf()
+    flags = bsdf.flags()
+    crossing = moved & ~volume & is_null(flags) if nulls else mi.Bool(False)
     arrived = moved & ~crossing
-    flags = si.bsdf().flags()
     vertex = Vertex(
         p=dr.select(volume, mi.Point3f(state.o + t * state.d), si.p),
-        n=si.n, frame=si.sh_frame, wi=-state.d, uv=si.uv, bsdf=si.bsdf(), shape=si.shape,
+        n=si.n, frame=si.sh_frame, wi=-state.d, uv=si.uv, bsdf=bsdf, shape=si.shape,
         medium=state.medium, phase=state.medium.phase_function(), volume=volume,
         diffuse=~volume & mi.has_flag(flags, mi.BSDFFlags.Diffuse),
         delta=~volume & ~mi.has_flag(flags, mi.BSDFFlags.Smooth),

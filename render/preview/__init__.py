@@ -1,4 +1,4 @@
-"""The preview, level 0: a rasterized approximation of transport, without a display."""
+"""The preview: a rasterized approximation of transport, without a display."""
 
 from render.preview.bonded import with_bonded_window
 from render.preview.diffuser.cache import cache_folder, fiber_end_of, slab_of

@@ -1,4 +1,4 @@
-"""The window under a pad to level 0: one of the pad's own index is more of the pad."""
+"""The window under a pad in the preview: one of the pad's own index is more of the pad."""
 
 from __future__ import annotations
 

@@ -10,6 +10,8 @@ import ctypes
 import ctypes.util
 import importlib
 import os
+import shutil
+from pathlib import Path
 from typing import Any
 
 from render.errors import GraphicsError
@@ -18,6 +20,9 @@ from render.memory import PREVIEW, require_memory
 BACKENDS = ("osmesa", "egl")
 VARIABLE = "TACTILUX_GL"
 """Environment variable that forces one back end."""
+
+SHADER_ROOM = 1 << 30
+"""Free bytes of a disk from which on compiled shaders are kept there; they are some 10^5."""
 
 # Constants of GL/osmesa.h.
 _OSMESA_RGBA = 0x1908
@@ -83,6 +88,16 @@ class OSMesa:
             self._context = None
 
 
+def _room_for_shaders() -> bool:
+    """Return whether Mesa may keep what it compiles, a second of every preview.
+
+    It maps that cache into memory: where a disk gets full that is a SIGBUS.
+    """
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")).absolute()
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    return shutil.disk_usage(existing).free > SHADER_ROOM
+
+
 def create_context(backend: str | None = None) -> Any:
     """Return a ``moderngl.Context`` (OpenGL 3.3 core) that needs no display.
 
@@ -95,8 +110,7 @@ def create_context(backend: str | None = None) -> Any:
         RenderError: there is not enough memory.
     """
     require_memory(PREVIEW, "the preview")
-    # Mesa maps its cache of shaders into memory: on a full disk that is a SIGBUS.
-    os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")
+    os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "false" if _room_for_shaders() else "true")
     # Untyped: moderngl's stubs know neither `context` nor `backend`.
     make: Any = importlib.import_module("moderngl").create_context
     wanted = backend or os.environ.get(VARIABLE)

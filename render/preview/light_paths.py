@@ -217,8 +217,8 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     With arcs ``theta`` and ``psi`` from source and target to the point of reflection and heights
     ``a`` and ``c`` (in units of the lower face's radius), equal angles with the face mean
     ``(1 - a) sin(theta) (1 - (1 - c) cos(psi)) = (1 - c) sin(psi) (1 - (1 - a) cos(theta))``;
-    Newton's iteration from the flat mirror's solution solves it. The spread follows from
-    Coddington's equation for the arc's plane.
+    Newton's iteration from the flat mirror's solution solves it, which is the flat pad's own. The
+    spread follows from Coddington's equation for the arc's plane.
     """
     kappa = max(kappa, MIN_CURVATURE)
     k = kappa / (1 + kappa * thickness)
@@ -228,7 +228,7 @@ def mirrored_path(source: Array, target: Array, thickness: float, kappa: float) 
     a, c = k * z_source, k * z_target
     p, q = 1 - a, 1 - c
     theta = arc * a / (a + c)
-    for _ in range(4):
+    for _ in range(4 if kappa > MIN_CURVATURE else 0):
         psi = arc - theta
         n1, n2 = a + 2 * p * np.sin(theta / 2) ** 2, c + 2 * q * np.sin(psi / 2) ** 2
         f = p * np.sin(theta) * n2 - q * np.sin(psi) * n1

@@ -1,4 +1,4 @@
-"""The preview, level 0: transport and pictures from one shading function, without a display."""
+"""The preview: transport and pictures from one shading function, without a display."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference, level 2: transport tables and pictures with error bars."""
+"""The reference: transport tables and pictures with error bars."""
 
 from render.cells.choose_sampler import check_rendered
 from render.reference.allocation import EVERYTHING, PRESSED, SampleAllocation

@@ -1,4 +1,4 @@
-"""The picture that the camera sees, by bidirectional Monte Carlo: level 2 for eyes.
+"""The picture that the camera sees, by bidirectional Monte Carlo: the reference for eyes.
 
 Fiber and film position are primary dimensions; the estimator is that of the transport cells, so
 guiding and mirror connections work here too, and independent samples are the cheapest. Colors are

@@ -13,7 +13,7 @@ import numpy as np
 from render.arrays import Array
 from render.errors import RenderError
 from render.sampling.proposals import LIGHT_SALT, CellSplat, PathSampler, Splat
-from render.sampling.streams import ROUNDS, HashedStream, key
+from render.sampling.streams import HashedStream, key, tea
 from render.steady_registry import steady_registry
 
 
@@ -82,7 +82,7 @@ def independent_paths(
 
     ``salt`` tells passes apart.
     """
-    seed, _ = mi.sample_tea_32(lane, salt, ROUNDS)
+    seed, _ = tea([lane, salt])
     splats = sampler.evaluate(HashedStream(seed), HashedStream(seed ^ LIGHT_SALT))
     dr.eval(splats, seed)
     return splats, seed

@@ -134,6 +134,10 @@ class MutatedStream:
         slot = self.first + run * self.block + within
         return self._numbers(index, slot, stored)
 
+    def events(self, *indices: mi.UInt32) -> list[Numbers]:
+        """Return the numbers of several events."""
+        return [self.event(index) for index in indices]
+
     def of_lanes(self, lane: mi.UInt32) -> MutatedStream:
         """Return the numbers of the chains ``lane``."""
         there = dr.gather(mi.UInt32, self.lane, lane)
@@ -159,6 +163,6 @@ class MutatedStream:
         where = slot * self.lanes + self.lane
         a, b, c, d = (
             dr.select(moving, perturb(dr.gather(mi.Float, array, where, moving), number), number)
-            for array, number in zip(self.memory, hashed(seed, index), strict=True)
+            for array, number in zip(self.memory, hashed((seed, index))[0], strict=True)
         )
         return a, b, c, d

@@ -16,7 +16,7 @@ from render.arrays import Array
 from render.errors import RenderError
 from render.sampling.monte_carlo import add_splat
 from render.sampling.proposals import MutatedStream, Mutation, PathSampler, Splat
-from render.sampling.streams import ROUNDS, key, uniform
+from render.sampling.streams import key, tea, uniform
 from render.steady_registry import steady_registry
 
 
@@ -159,8 +159,7 @@ class MarkovChains:
         for _ in range(count):
             # ------------------------------ Propose a path -------------------------
             now = key(self.settings.seed, 3, self.done)
-            a, fresh = mi.sample_tea_32(self.lane, now, ROUNDS)
-            step, c = mi.sample_tea_32(self.lane ^ 0x5BD1E995, now, ROUNDS)
+            a, fresh, step, c = tea([self.lane, now, self.lane ^ 0x5BD1E995, now])
             mutation = Mutation(uniform(a) < p_large, fresh, step, self.tail)
             proposed = self._proposed(mutation)
             target = self._target(proposed)
@@ -253,7 +252,7 @@ class MarkovChains:
 
     def _independent(self, batch: int) -> tuple[list[Splat], mi.UInt32]:
         """Return the splats and seeds of one batch of independent paths."""
-        seed, _ = mi.sample_tea_32(self.lane, key(self.settings.seed, 1, batch), ROUNDS)
+        seed, _ = tea([self.lane, key(self.settings.seed, 1, batch)])
         return self._proposed(Mutation.all_large(seed)), seed
 
     def _proposed(self, mutation: Mutation) -> list[Splat]:

@@ -22,6 +22,10 @@ WIDEST_PINHOLE, WIDEST_CORNER = 175.0, 175.0
 axis."""
 MOST_PIXELS = 4096
 """Of a picture's columns, and of its rows."""
+READ_BY_CAMERA = (
+    "read_noise", "full_well", "bits", "saturated", "longest_exposure", "gains",
+)  # fmt: skip
+"""Keys of a camera that change what is read of its light, and no light."""
 AHEAD, UP = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
 
@@ -34,6 +38,11 @@ class Camera(Part):
     full angle over all rows. A ``pinhole`` shows the tangent of the angle from its axis, a
     ``fisheye`` the angle itself (equidistant). ``channels`` are its colors, by default red, green
     and blue.
+
+    What limits readers of its pictures changes no light: ``read_noise`` (one standard deviation in
+    counts of 255 at gain 1), ``full_well`` (photoelectrons at 255 counts and gain 1), ``bits``,
+    ``longest_exposure`` in units of the scene's own exposure, ``gains`` that it has (any above 1
+    unless named), and ``saturated``, the part of all colors that may reach full scale.
     """
 
     distance: Millimeters | None = None
@@ -49,6 +58,14 @@ class Camera(Part):
     channels: Annotated[tuple[ColorName, ...], Field(strict=False, min_length=1)] | None = (
         since_schema_2()
     )
+    read_noise: Annotated[float, Quantity("counts", 0.0, 50.0)] | None = since_schema_2()
+    full_well: Annotated[float, Quantity("electrons", 100.0, 1e7)] | None = since_schema_2()
+    bits: Annotated[int, Count(4, 16)] | None = since_schema_2()
+    longest_exposure: Annotated[float, Quantity("", 0.01, 1000.0)] | None = since_schema_2()
+    gains: Annotated[tuple[float, ...], Quantity("", 1.0, 1000.0, many=True)] | None = (
+        since_schema_2()
+    )
+    saturated: Annotated[float, Quantity("", 0.0, 0.5)] | None = since_schema_2()
 
     @property
     def place(self) -> Vector:

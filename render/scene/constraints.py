@@ -132,8 +132,11 @@ class Constraints(Part):
             )
         ]
 
-    def problems(self, palette: Palette, fibers: int) -> Iterator[str]:
-        """Yield what cannot be fulfilled with ``fibers`` fibers, one sentence each."""
+    def problems(self, palette: Palette, fibers: int, most_lit: int | None = None) -> Iterator[str]:
+        """Yield what cannot be fulfilled with ``fibers`` fibers, one sentence each.
+
+        At most ``most_lit`` may be lit; where that is fewer than there are, others are off.
+        """
         yield from self._unknown_colors(palette)
         named = [entry.fiber for entry in self.fixed]
         named += [fiber for gap in self.forbidden for fiber in gap.fibers]
@@ -150,7 +153,8 @@ class Constraints(Part):
                     f"{math.degrees(gap.high):g} deg, allowed: low below high"
                 )
         limits = dict(zip(palette.names, self.max_counts(palette, fibers), strict=True))
-        if sum(limits.values()) < fibers and not self.off:
+        dark = self.off or (most_lit is not None and most_lit < fibers)
+        if sum(limits.values()) < fibers and not dark:
             *first, last = (f"{limit} {color}" for color, limit in limits.items())
             every = f"{', '.join(first)} and {last}" if first else last
             yield (

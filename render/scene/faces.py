@@ -4,10 +4,10 @@ A face is one side of the flat block of silicone, diffuser included, as in
 `render.scene.lamps.FACES`; it stays one when the pad bends. The far side is the coating, and no
 face.
 
-Level 2 renders them as they are. Level 0 blurs the camera's view by the roughness of the lower face
-and takes that of an edge into the diffuser's response; the light of bare lamps enters clear edges
-as if they were smooth, which is within 5 % (median) up to a roughness of 0.3, and 6 to 10 % too
-bright at 0.5.
+The reference renders them as they are. The preview blurs the camera's view by the roughness of the
+lower face and takes that of an edge into the diffuser's response; the light of bare lamps enters
+clear edges as if they were smooth, which is within 5 % (median) up to a roughness of 0.3, and 6 to
+10 % too bright at 0.5.
 
 Edges may have a diffuser each (``diffuser.on``); paint lies on others.
 

@@ -15,7 +15,7 @@ from render.files import parse_json
 from render.scene.quantities import Part
 from render.scene.schema import Scene
 
-_LEFT_OUT = {"constraints", "tolerances", "free"}
+_LEFT_OUT = {"constraints", "search", "tolerances", "free"}
 """They change no light."""
 
 

@@ -13,9 +13,9 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from render.errors import SceneError
-from render.files import read_bytes
+from render.files import read_bytes, write_bytes
 from render.scene.lamps_file import LampLines
-from render.scene.scene_file import as_scene, written_of
+from render.scene.scene_file import as_scene, scene_from_text, written_of
 from render.scene.schema import Scene
 from render.small_table import table_text
 
@@ -34,6 +34,20 @@ class StandaloneScene:
     origin: str
     text: str
     files: Mapping[str, bytes]
+
+    def write(self, path: Path) -> None:
+        """Write the scene to ``path``, and beside it the files that it names; what is there stays.
+
+        The scene comes last: where it lies, its files do.
+        """
+        for file, content in self.contents(path).items():
+            if not file.is_file() or file.read_bytes() != content:
+                write_bytes(file, content)
+
+    def contents(self, path: Path) -> dict[Path, bytes]:
+        """Return what `write` writes, the scene last."""
+        files = {path.parent / name: content for name, content in self.files.items()}
+        return files | {path: self.text.encode()}
 
 
 def standalone(scene: Scene | str | Path) -> StandaloneScene:
@@ -71,6 +85,38 @@ def standalone(scene: Scene | str | Path) -> StandaloneScene:
     if table is not None:
         text = _renamed(text, "lamps_file", table, kept[table])
     return StandaloneScene(written.origin, text, files)
+
+
+def rewritten(scene: Scene, comment: str, **keys: Any) -> Scene:
+    """Return ``scene`` as read from a text of its own, with a ``comment`` and other plain ``keys``.
+
+    A scene that `Scene.with_` changed has no text; this one can be kept with its files.
+
+    Raises:
+        SceneError: the scene was made in memory from another one, or cannot be written.
+    """
+    # tomlkit is no part of the base install.
+    from render.scene.schema.toml_document import content_text
+
+    written = written_of(scene)
+    text = content_text(written.content | keys, comment)
+    again = scene_from_text(text, written.origin, written.folder)
+    if again.hash != scene.hash:
+        raise SceneError(
+            f"{scene.name} cannot be written as a file without a change: write the values into its "
+            "own file",
+            field="scene",
+        )
+    return again
+
+
+def write_scene(path: Path, scene: Scene) -> None:
+    """Write the file of ``scene``, and beside it those that it names.
+
+    Raises:
+        SceneError: as `standalone` does.
+    """
+    standalone(scene).write(path)
 
 
 def _profiles(lamps: Any) -> Iterator[str]:

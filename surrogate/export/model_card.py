@@ -11,18 +11,19 @@ import subprocess
 from dataclasses import asdict, dataclass
 from importlib import metadata as packages
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from render.levels import CONVERGED, TABLE
 from render.reference import more_effort
 from render.scene import Scene
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.model.scene_facts import grid_facts, scene_facts
 from surrogate.preview_model import CONVERGED_ERRORS
 from surrogate.runtime import family_hash
-from surrogate.runtime.metadata import CONVERGED, NONE, PREVIEW, TABLE, UNITS, ModelMetadata
+from surrogate.runtime.metadata import NONE, UNITS, ModelMetadata, held_out_row
 from surrogate.training.conformal import COVERAGE
-from surrogate.training.evaluation import LevelErrors
 from surrogate.training.fit import Fit
 from surrogate.training.render_plan import ReferenceData
 from surrogate.training.training_preview import TrainingPreview
@@ -48,6 +49,7 @@ def describe_model(
 ) -> ModelMetadata:
     """Return the metadata of a model of ``scene`` fitted to ``reference``."""
     table, grid, left_out = reference.tables[0], preview.grid, preview.left_out
+    traced = CONVERGED if preview.converged else None
     halves = all(table.half_difference is not None for table in reference.tables)
     return ModelMetadata(
         **scene_facts(scene, grid),
@@ -61,10 +63,12 @@ def describe_model(
             "effort": fit.quantiles.effort,
             "checked": asdict(fit.coverage) if fit.coverage else None,
         },
-        held_out=[asdict(row) for row in (*fit.levels, *fit.splits)],
+        held_out=[
+            held_out_row(asdict(row), traced, fit.kind) for row in (*fit.levels, *fit.splits)
+        ],
         preview={
             **grid_facts(grid),
-            "kind": CONVERGED if preview.converged else PREVIEW,
+            "effort": traced,
             **asdict(preview.error),
             **({} if left_out is None else {"materials": asdict(left_out)}),
             # A residual that halves of the renders bear out makes no ranking worse.
@@ -175,7 +179,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "with it. It does not read tactile images.",
             "",
             "Predicts the camera colors of every facet, with a spread, the metric and the score "
-            f"of a lighting design, from {_made_of(fit)}.",
+            f"of a lighting design, from {_made_of(fit, metadata.preview_name)}.",
             "",
             "## Axes",
             "",
@@ -202,7 +206,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "fitted with their weight, left out of the errors of single cells",
             "",
             f"Residual: {metadata.residual['kind']}, {metadata.residual['members']} members.",
-            f"{str(preview['kind']).capitalize()}: {preview['phi_nodes']} x "
+            f"{metadata.preview_name.capitalize()}: {preview['phi_nodes']} x "
             f"{preview['bend_nodes']} nodes; between them the shader's "
             f"interpolation is off by {preview['median']:.2%} (median), {preview['p95']:.2%} "
             f"(95th percentile), {preview['worst']:.1%} (worst cell); {preview['floored']} cells "
@@ -215,7 +219,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             "first row. Colors: length of the difference over length of the reference's color. "
             "Scores in counts.",
             "",
-            *_table(fit.levels),
+            *_table(metadata.held_out[: len(fit.levels)]),
             "",
             *_splits(fit, metadata),
             "## Intervals",
@@ -251,7 +255,7 @@ def unproven_interval(metadata: ModelMetadata) -> str:
     asked = more_effort(effort, int(samples) if isinstance(samples, int) else None)
     return (
         f"the interval of scores, +- {metadata.conformal['score']:.2f} counts, is that of the "
-        f"{metadata.preview['kind']} and unproven: the renders are too noisy to test it; {asked}."
+        f"{metadata.preview_name} and unproven: the renders are too noisy to test it; {asked}."
     )
 
 
@@ -266,16 +270,15 @@ def _ranges(metadata: ModelMetadata) -> str:
     return f"phi 0 to 180 deg, power 0 to 1 and bend {_degrees(low)} to {_degrees(high)} deg"
 
 
-def _made_of(fit: Fit) -> str:
+def _made_of(fit: Fit, preview: str) -> str:
     renders = (
-        "renders of the reference (level 2: bidirectional path tracing with multiple importance "
-        "sampling)"
+        "renders of the reference (bidirectional path tracing with multiple importance sampling)"
     )
     if fit.kind == NONE:
-        return f"the preview alone: {renders} bore out no correction"
+        return f"the {preview} alone: {renders} bore out no correction"
     if fit.kind == TABLE:
-        return f"the preview and, cell by cell as far as they are known, {renders}"
-    return f"the preview and a residual that was learned from {renders}"
+        return f"the {preview} and, cell by cell as far as they are known, {renders}"
+    return f"the {preview} and a residual that was learned from {renders}"
 
 
 def _held_out(fit: Fit, metadata: ModelMetadata) -> str:
@@ -306,7 +309,7 @@ def _splits(fit: Fit, metadata: ModelMetadata) -> list[str]:
         f"The same with whole fiber {parts} left out (fitted with half the "
         "steps and a third of the data missing):",
         "",
-        *_table(fit.splits),
+        *_table(metadata.held_out[len(fit.levels) :]),
         "",
     ]
 
@@ -326,18 +329,17 @@ def _family(metadata: ModelMetadata) -> str:
     )
 
 
-def _table(rows: tuple[LevelErrors, ...]) -> list[str]:
+def _table(rows: list[dict[str, Any]]) -> list[str]:
     head = [
-        "| level | cell, median | cell, 95 % | color, median | color, 95 % | color, rms "
+        "| prediction | cell, median | cell, 95 % | color, median | color, 95 % | color, rms "
         "| color, rms without noise | score, median "
         "| score, 95 % | Kendall tau |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     return head + [
-        f"| {row.level} | {row.cell_median:.1%} | {row.cell_p95:.1%} | {row.facet_median:.1%} "
-        f"| {row.facet_p95:.1%} | {row.facet_rms:.1%} "
-        f"| {row.facet_rms_true:.1%} | {row.score_median:.2f} | {row.score_p95:.2f} "
-        f"| {row.kendall_tau:.2f} |"
+        "| {name} | {cell_median:.1%} | {cell_p95:.1%} | {facet_median:.1%} | {facet_p95:.1%} "
+        "| {facet_rms:.1%} | {facet_rms_true:.1%} | {score_median:.2f} | {score_p95:.2f} "
+        "| {kendall_tau:.2f} |".format(**row)
         for row in rows
     ]
 

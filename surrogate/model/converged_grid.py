@@ -1,4 +1,4 @@
-"""The grid of the converged preview: the shader's, times what it misses of the light."""
+"""The grid that traced light corrects: the shader's, times what it misses of the light."""
 
 from __future__ import annotations
 

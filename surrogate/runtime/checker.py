@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from render.arguments import as_kind, as_numbers, as_path, as_whole
 from render.arrays import Array
 from render.errors import ModelError
-from render.transport import Level, TransportTable
-from surrogate.runtime.metadata import PREVIEW, PREVIEWS, ModelMetadata
+from render.levels import Effort, Level, level_name
+from render.transport import TransportTable
+from surrogate.runtime.metadata import ModelMetadata
 from surrogate.runtime.model_file import (
     MATERIAL,
     OUTPUTS,
@@ -113,34 +114,40 @@ class Checker:
         """Return in one line what answers, and for which scene."""
         where = "" if self.file is None else f", from {self.file}"
         about = f"{self.metadata.scene} ({self.scene_hash})"
-        return f"<Checker of {about}: {self.level}, scores ± {self.score_half_width:.3g}{where}>"
+        scores = f"scores ± {self.score_half_width:.3g}"
+        return f"<Checker of {about}: {self.level_name}, {scores}{where}>"
 
     def _repr_html_(self) -> str:
         """Return the line and the errors on designs that it was not trained on."""
         from render.notebook import tabled
 
         held = [
-            (str(row["level"]), f"{float(row['kendall_tau']):.2f}")
-            for row in self.metadata.held_out
+            (str(row["name"]), f"{float(row['kendall_tau']):.2f}") for row in self.metadata.held_out
         ]
-        return tabled(repr(self), ("level", "Kendall's tau on held-out designs"), held)
+        return tabled(repr(self), ("prediction", "Kendall's tau on held-out designs"), held)
 
     @property
     def level(self) -> Level:
-        """What answers: a preview alone, or with a residual that was trained on renders."""
-        kind = self.metadata.residual["kind"]
-        return cast(Level, kind) if kind in PREVIEWS else "surrogate"
+        """What answers: the preview as drawn, or corrected by traced light or by renders."""
+        return self.metadata.level
+
+    @property
+    def effort(self) -> Effort | None:
+        """What corrects the preview, and how far."""
+        return self.metadata.effort
+
+    @property
+    def level_name(self) -> str:
+        """Level and effort as people read them."""
+        return level_name(self.level, self.effort)
 
     @property
     def photon_noise(self) -> float | None:
-        """Photon noise of facet colors, relative, one standard deviation; None but of level 0.
+        """Photon noise of facet colors, relative, one standard deviation.
 
-        Previews whose light was followed have it; renders that a model was trained on stand for
-        themselves.
+        Traced light has it; renders that a model was trained on stand for themselves.
         """
-        if self.level in ("surrogate", PREVIEW):
-            return None
-        return float(self.metadata.preview["photon_noise"])
+        return None if self.metadata.rendered else self.metadata.preview.get("photon_noise")
 
     @property
     def exposure(self) -> float:
@@ -265,6 +272,7 @@ class Checker:
             lam=self.lam,
             scene_hash=self.scene_hash,
             level=self.level,
+            effort=self.effort,
             bends=bends,
             background=background,
             background_se=background * (spread / transport).mean(axis=4),

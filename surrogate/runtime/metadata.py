@@ -9,25 +9,29 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, cast
 
 from render.errors import ModelError
 from render.files import parse_json
+from render.levels import (
+    EFFORTS,
+    LEVELS,
+    PREVIEW,
+    REFERENCE,
+    Effort,
+    Level,
+    level_name,
+    level_of,
+    read_level,
+)
 from render.metric import MetricConfig, current_conventions
 
 SCHEMA = "tactilux-checker-2"
 """Version 2: exposure and lambda are those of the scene's preview, not of the training renders."""
-PREVIEW = "preview"
-"""Kind of the residual of a model that is the preview alone, as the shader draws it."""
-FEW_PATHS = "preview of few paths"
-"""The same, where the preview's light was followed by few light paths."""
-CONVERGED = "converged preview"
-"""The same, where the preview's light was followed by converged paths."""
-PREVIEWS = PREVIEW, FEW_PATHS, CONVERGED
 NONE = "none"
-"""Kind of the residual of a trained model whose renders bear no correction of the preview out."""
-TABLE = "table"
-"""Kind of a model that is its table of renders, as there is nothing between the table's nodes."""
+"""Kind of the residual of a model without renders, or whose renders bear no correction out."""
+NOISE = "noise of the reference"
+"""Name of the held-out errors that a perfect model would have."""
 LICENCE = "Apache-2.0"
 MOST_CELLS, MOST_CHANNELS = 1_000_000, 64
 """Of lamps, sites or facets that a description may speak of; a model has 5 MB."""
@@ -87,11 +91,11 @@ class ModelMetadata:
             ``score_spread`` is one standard deviation of the score; ``effort`` times how many
             samples would have said more of scores than the preview's interval, 1 where these did;
             ``checked`` gives the coverage found on cells that had no part in them.
-        held_out: errors per level, on held-out designs.
-        preview: its kind, nodes of the table and its interpolation error; ``ranks`` is the tau
-            that its kind was found to have on other sensors, ``photon_noise`` the relative noise of
-            the colors of a converged one.
-        renderer: settings, sample counts and seconds of the reference.
+        held_out: errors on held-out designs: rows of a ``name``, its ``level`` and ``effort``.
+        preview: ``effort`` of the traced light that corrects it, None as drawn; nodes of the table
+            and its interpolation error; ``ranks`` is the tau that such light was found to have on
+            other sensors, ``photon_noise`` the relative noise of its colors.
+        renderer: settings, sample counts and seconds of the reference; empty without renders.
         training_data_hash: SHA-256 of the reference table.
         git_revision, versions: the sources and packages that made the model.
         residual: kind and size of what corrects the preview.
@@ -144,10 +148,31 @@ class ModelMetadata:
         }
 
     @property
-    def own_level(self) -> str:
-        """Level of ``held_out`` that has the model's own errors."""
-        kind = str(self.residual["kind"])
-        return PREVIEW if kind == NONE else kind
+    def effort(self) -> Effort | None:
+        """What corrects the preview, and how far; None is the preview as drawn."""
+        kind, traced = self.residual["kind"], self.preview["effort"]
+        return cast(Effort | None, traced if kind == NONE else kind)
+
+    @property
+    def level(self) -> Level:
+        """The level of its answers."""
+        return level_of(self.effort)
+
+    @property
+    def preview_name(self) -> str:
+        """Level and effort of the preview that a residual corrects."""
+        return level_name(level_of(self.preview["effort"]), self.preview["effort"])
+
+    @property
+    def rendered(self) -> bool:
+        """Whether it was held against renders of its sensor."""
+        return bool(self.renderer)
+
+    @property
+    def own_errors(self) -> dict[str, Any] | None:
+        """The row of ``held_out`` that has the model's own errors, None without one."""
+        own = self.level, self.effort
+        return next((row for row in self.held_out if (row["level"], row["effort"]) == own), None)
 
     @property
     def channels(self) -> list[str]:
@@ -185,6 +210,7 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             for item in fields(ModelMetadata)
             if item.name not in _LATER or item.name in props
         }
+        _bring_up_to_date(content)
         metadata = ModelMetadata(**content)
         for name, value, low, high in _numbers(metadata):
             _check_number(name, value, low, high)
@@ -195,6 +221,33 @@ def read_props(props: Mapping[str, str], origin: str) -> ModelMetadata:
             field="metadata_props",
         ) from None
     return metadata
+
+
+def held_out_row(errors: Mapping[str, Any], traced: str | None, kind: str) -> dict[str, Any]:
+    """Return ``errors`` of a ``name``, with the level and the effort that it is of.
+
+    ``traced`` is the effort of the preview beneath, ``kind`` that of the model's residual.
+    """
+    name, effort = errors["name"], traced if kind == NONE else kind
+    if name in EFFORTS:
+        effort = name
+    elif name.startswith(PREVIEW):
+        effort = traced
+        name = name.replace(PREVIEW, level_name(level_of(traced), traced), 1)
+    elif name == NOISE:
+        return {**errors, "level": REFERENCE, "effort": None}
+    return {**errors, "name": name, "level": level_of(effort), "effort": effort}
+
+
+def _bring_up_to_date(content: dict[str, Any]) -> None:
+    """Put level and effort where earlier versions had one word for a preview or a prediction."""
+    preview, kind = content["preview"], content["residual"]["kind"]
+    if "effort" not in preview:
+        preview["effort"] = read_level(preview.pop("kind", PREVIEW))[1]
+        content["held_out"] = [
+            held_out_row({**row, "name": row["level"]}, preview["effort"], kind)
+            for row in content["held_out"]
+        ]
 
 
 def _numbers(about: ModelMetadata) -> Iterator[tuple[str, Any, float, float]]:
@@ -256,11 +309,14 @@ def _check_number(name: str, value: Any, low: float, high: float) -> None:
 def _check_words(about: ModelMetadata) -> None:
     """Refuse names that are none: what of them is read is text."""
     words = [about.scene, about.scene_hash, about.residual["kind"]]
-    words += [about.preview.get("kind", PREVIEW)]
-    words += [row["level"] for row in about.held_out] + about.states + _some("axes", about.channels)
+    words += [row["name"] for row in about.held_out] + about.states + _some("axes", about.channels)
     if about.material:
         words += [about.material["family"], *about.material["names"]]
     if not all(isinstance(word, str) and word for word in words):
         raise ValueError("a name in it is empty or no text")
+    known = [(row["level"], row["effort"]) for row in about.held_out]
+    for level, effort in [(about.level, about.effort), *known]:
+        if level not in LEVELS or effort not in (None, *EFFORTS):
+            raise ValueError(f"{level!r:.40} of effort {effort!r:.40} is no level")
     if len(about.channels) > MOST_CHANNELS:
         raise ValueError(f"it has {len(about.channels)} channels, allowed: up to {MOST_CHANNELS}")

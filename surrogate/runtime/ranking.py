@@ -14,14 +14,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from surrogate.runtime.metadata import PREVIEWS, ModelMetadata
+from render.levels import level_name
+from surrogate.runtime.metadata import NOISE, ModelMetadata
 
 RELIABLE_TAU = 0.85
 """What verification asks of a ranking as well, before it believes the surrogate."""
 AIM = 0.9
 """Tau that a perfect model should reach against the reference of a new training."""
-NOISE = "noise of the reference"
-"""Level of the held-out errors that a perfect model would have."""
 MANY_UNCONVERGED = 0.1
 """Share of cells from which it is a reason that they have not converged."""
 MOST = 100.0
@@ -36,7 +35,7 @@ class RankingTest:
         tau: of the model against its reference.
         factor: times the samples that would let a perfect model reach AIM; at most MOST.
         samples, minutes: what the model was trained with, where it was rendered for.
-        level: kind of the model's residual, or the preview alone.
+        unrendered: level and effort of a model without renders; empty for a trained one.
         unconverged: share of the reference's cells that had not converged.
     """
 
@@ -45,15 +44,16 @@ class RankingTest:
     samples: int | None
     minutes: float | None
     unconverged: float = 0.0
-    level: str = ""
+    unrendered: str = ""
 
     @classmethod
     def of(cls, metadata: ModelMetadata) -> RankingTest:
         """Return what ``metadata`` holds of it."""
-        held = {str(row["level"]): float(row["kendall_tau"]) for row in metadata.held_out}
+        held = {str(row["name"]): float(row["kendall_tau"]) for row in metadata.held_out}
+        own, name = metadata.own_errors, level_name(metadata.level, metadata.effort)
         samples = metadata.renderer.get("samples_per_cell")
         seconds = metadata.renderer.get("seconds")
-        found = held.get(metadata.own_level, 0.0)
+        found = 0.0 if own is None else float(own["kendall_tau"])
         return cls(
             tau=max(found, float(metadata.preview.get("ranks", 0.0))),
             factor=_factor(held.get(NOISE, 1.0)),
@@ -61,7 +61,7 @@ class RankingTest:
             minutes=float(seconds) / 60.0 if seconds is not None else None,
             unconverged=int(metadata.residual.get("unreliable_cells", 0))
             / int(metadata.residual.get("cells", 1)),
-            level=str(metadata.residual["kind"]),
+            unrendered="" if metadata.rendered else name,
         )
 
     @property
@@ -73,9 +73,9 @@ class RankingTest:
         """Return what more effort would bring, as a sentence; empty for a reliable model."""
         if self.reliable:
             return ""
-        if self.level in PREVIEWS:
+        if self.unrendered:
             return (
-                f"The {self.level} ranks designs of such sensors with a Kendall's tau of "
+                f"The {self.unrendered} ranks designs of such sensors with a Kendall's tau of "
                 f"{self.tau:.2f}, needed: {RELIABLE_TAU:g}: train a model (tactilux train) or let "
                 "renders decide (tactilux optimize)."
             )

@@ -11,11 +11,12 @@ import torch
 from torch import nn
 
 from render.arrays import Array
+from render.levels import NETWORK, RIDGE
 from render.progress import Clock, OnProgress, in_stage
 from surrogate.model.networks import RidgeEnsemble
 from surrogate.runtime.metadata import NONE
 from surrogate.training.dataset import RegressionData
-from surrogate.training.evaluation import LevelErrors
+from surrogate.training.evaluation import HeldOutErrors
 from surrogate.training.fit_task import FitTask
 from surrogate.training.halves import borne_out, mean_gains
 from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
@@ -50,9 +51,9 @@ def _by_folds(task: FitTask, progress: OnProgress | None) -> Ensembles:
         name = f"ridge-{penalty:g}"
         model = train_ridge(task, name, fold, config.members, penalty)
         found = task.parts.value(
-            f"errors-{name}",
-            LevelErrors,
-            lambda model=model: overall.errors("ridge", task.predicted(model)),  # type: ignore[misc]
+            f"held-out-{name}",
+            HeldOutErrors,
+            lambda model=model: overall.errors(RIDGE, task.predicted(model)),  # type: ignore[misc]
         )
         ridges.append((found.facet_rms, penalty, model))
         clock.tick()
@@ -87,7 +88,7 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
     ridge = train_ridge(task, f"ridge-{penalty:g}", task.fold, config.members, penalty)
     copies, kind, gain = len(task.scene.albedos), NONE, 0.0
     if borne_out(found[penalty], copies, len(found)):
-        kind, gain = "ridge", found[penalty].mean()
+        kind, gain = RIDGE, found[penalty].mean()
     if not task.networks:
         return Ensembles(penalty, ridge, None, 0, kind)
     # Those on halves take about as long as a split.
@@ -105,7 +106,7 @@ def _by_halves(task: FitTask, progress: OnProgress | None) -> Ensembles:
     network, _ = train_networks(
         task, task.fold, config.members, "networks", config.network, progress, len(task.splits)
     )
-    return Ensembles(penalty, ridge, network, steps, "network")
+    return Ensembles(penalty, ridge, network, steps, NETWORK)
 
 
 def train_networks(

@@ -116,14 +116,14 @@ class ColorErrors:
 
 
 @dataclass(frozen=True)
-class LevelErrors(ColorErrors):
-    """Errors of one level of the ladder against the reference.
+class HeldOutErrors(ColorErrors):
+    """Errors of one prediction against the reference.
 
-    ``level`` is what predicted; ``cell_median`` and ``cell_p95`` are of ``|T / T_reference - 1|``
+    ``name`` is what predicted; ``cell_median`` and ``cell_p95`` are of ``|T / T_reference - 1|``
     of single cells.
     """
 
-    level: str
+    name: str
     cell_median: float
     cell_p95: float
 
@@ -173,7 +173,7 @@ class HeldOutEvaluation:
         """Return S ``(design,)`` over the bends of ``counts``."""
         return np.asarray(design_score(site_metric(counts, self.lam)).score)
 
-    def errors(self, level: str, transport: Array) -> LevelErrors:
+    def errors(self, name: str, transport: Array) -> HeldOutErrors:
         """Return the errors of ``transport`` against the reference.
 
         Those of single cells are of the reliable ones; of all that are lit where none is.
@@ -187,9 +187,9 @@ class HeldOutEvaluation:
         colors = ColorErrors.of(
             guess, self.scores(guess), truth, self.counts_noise(), self.scores(truth)
         )
-        return LevelErrors(
+        return HeldOutErrors(
             **vars(colors),
-            level=level,
+            name=name,
             cell_median=float(np.quantile(cell, 0.5)),
             cell_p95=float(np.quantile(cell, 0.95)),
         )

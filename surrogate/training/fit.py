@@ -14,10 +14,11 @@ import numpy as np
 from torch import nn
 
 from render.arrays import Array
+from render.levels import NETWORK, PREVIEW, RIDGE
 from render.progress import OnProgress
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
-from surrogate.runtime.metadata import NONE, PREVIEW
+from surrogate.runtime.metadata import NOISE, NONE
 from surrogate.training.choose_residual import fit_ensembles, train_networks, train_ridge
 from surrogate.training.conformal import (
     Comparison,
@@ -29,7 +30,7 @@ from surrogate.training.conformal import (
     coverage,
     fit_spread,
 )
-from surrogate.training.evaluation import HeldOutEvaluation, LevelErrors
+from surrogate.training.evaluation import HeldOutErrors, HeldOutEvaluation
 from surrogate.training.fit_task import FitTask, Split, out_of_fold
 from surrogate.training.mlp import one_thread
 
@@ -59,8 +60,8 @@ class Fit:
     spread: tuple[float, float]
     quantiles: Quantiles
     coverage: Coverage | None
-    levels: tuple[LevelErrors, ...]
-    splits: tuple[LevelErrors, ...]
+    levels: tuple[HeldOutErrors, ...]
+    splits: tuple[HeldOutErrors, ...]
     unreliable: int
     cells: int
     noise: float
@@ -75,37 +76,37 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
     preview = np.exp(rows.log_preview)
     factor = float((rows.weight * rows.ratio).sum() / rows.weight.sum())
 
-    def errors(level: str, transport: Callable[[], Array], made: str = "") -> LevelErrors:
+    def errors(name: str, transport: Callable[[], Array], made: str = "") -> HeldOutErrors:
         return task.parts.value(
-            f"errors-{level}{made}", LevelErrors, lambda: evaluation.errors(level, transport())
+            f"held-out-{name}{made}", HeldOutErrors, lambda: evaluation.errors(name, transport())
         )
 
     levels = [
-        errors("noise of the reference", lambda: rendered_again(task)),
+        errors(NOISE, lambda: rendered_again(task)),
         errors(PREVIEW, lambda: preview),
-        errors("preview, one factor", lambda: preview * factor),
-        errors("ridge", lambda: task.predicted(both.ridge)),
+        errors(f"{PREVIEW}, one factor", lambda: preview * factor),
+        errors(RIDGE, lambda: task.predicted(both.ridge)),
     ]
     if both.network is not None:
         network = both.network
-        levels.append(errors("network", lambda: task.predicted(network), f"-{both.steps}"))
+        levels.append(errors(NETWORK, lambda: task.predicted(network), f"-{both.steps}"))
     kind = both.kind
     if kind is None:
-        kind = "network" if levels[-1].facet_rms < levels[-2].facet_rms else "ridge"
-    error = {row.level: row.facet_rms for row in levels}
+        kind = NETWORK if levels[-1].facet_rms < levels[-2].facet_rms else RIDGE
+    error = {row.name: row.facet_rms for row in levels}
     if kind != NONE and error[kind] > error[PREVIEW]:
         # Held-out cells flatter a residual, as they share light paths with those it was fitted to:
         # what makes designs worse even there is none. (Cells that the preview has next to black can
         # make it gain by cells.)
         kind = NONE
-    model = {"ridge": both.ridge, "network": both.network, NONE: NoResidual(SIZE)}[kind]
+    model = {RIDGE: both.ridge, NETWORK: both.network, NONE: NoResidual(SIZE)}[kind]
     assert model is not None  # networks are kept only where they were trained
     # What the parts from here on are made of.
     made = f"{kind}-{both.steps}"
 
     def refit(split: Split, later: int) -> nn.Module:
         out, count = split.fold, split.members
-        if kind == "network":
+        if kind == NETWORK:
             shorter = task.config.network.shorter(2)
             return train_networks(
                 task, out, count, f"split by {split.name}", shorter, progress, later
@@ -143,7 +144,7 @@ def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
 
 def _splits(
     task: FitTask, made: str, refit: Callable[[Split, int], nn.Module]
-) -> tuple[LevelErrors, ...]:
+) -> tuple[HeldOutErrors, ...]:
     """Return the errors when whole fiber positions, inner directions, bends or materials are out.
 
     ``refit`` takes a split and the number of those that follow, and returns an ensemble.
@@ -151,7 +152,7 @@ def _splits(
     errors = []
     for number, split in enumerate(task.splits, start=1):
 
-        def unseen(split: Split = split, later: int = len(task.splits) - number) -> LevelErrors:
+        def unseen(split: Split = split, later: int = len(task.splits) - number) -> HeldOutErrors:
             held_out = np.asarray(split.fold >= 0)
             residual = out_of_fold(task.residuals(refit(split, later)), split.fold)
             by_bend = split.name == "bend"
@@ -161,7 +162,8 @@ def _splits(
             evaluation = task.evaluation(designs, held_out, bends)
             return evaluation.errors(f"unseen {split.name}", transport)
 
-        errors.append(task.parts.value(f"errors-unseen {split.name}-{made}", LevelErrors, unseen))
+        name = f"held-out-unseen {split.name}-{made}"
+        errors.append(task.parts.value(name, HeldOutErrors, unseen))
     return tuple(errors)
 
 

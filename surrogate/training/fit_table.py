@@ -20,10 +20,11 @@ from dataclasses import replace
 import numpy as np
 
 from render.arrays import Array
+from render.levels import PREVIEW, TABLE
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.model.preview_grid import PreviewGrid
-from surrogate.runtime.metadata import NONE, PREVIEW, TABLE
+from surrogate.runtime.metadata import NOISE, NONE
 from surrogate.training.conformal import (
     Comparison,
     compare,
@@ -33,7 +34,7 @@ from surrogate.training.conformal import (
     fit_spread,
 )
 from surrogate.training.dataset import NOISE_FLOOR
-from surrogate.training.evaluation import HeldOutEvaluation, LevelErrors
+from surrogate.training.evaluation import HeldOutErrors, HeldOutEvaluation
 from surrogate.training.fit import Fit, rendered_again
 from surrogate.training.fit_task import FitTask
 from surrogate.training.halves import borne_out
@@ -85,7 +86,7 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
         for evaluation, (guess, _) in zip(against, pairs, strict=True)
     ]
     levels = [
-        _errors(task.overall, "noise of the reference", rendered_again(task)),
+        _errors(task.overall, NOISE, rendered_again(task)),
         _errors(task.overall, PREVIEW, preview),
     ]
     if kept:
@@ -174,7 +175,7 @@ def _joined(first: Comparison, second: Comparison) -> Comparison:
     return Comparison(**pairs, distinct=distinct, noise_share=first.noise_share)
 
 
-def _errors(evaluation: HeldOutEvaluation, level: str, transport: Array) -> LevelErrors:
+def _errors(evaluation: HeldOutEvaluation, name: str, transport: Array) -> HeldOutErrors:
     """Return the errors of ``transport``, with the tau of normal scores of their correlation.
 
     Few lamps have few designs, and many of these are the same but for the names of their colors:
@@ -186,17 +187,17 @@ def _errors(evaluation: HeldOutEvaluation, level: str, transport: Array) -> Leve
     # Scores that are all one agree with nothing.
     r = float((off[0] * off[1]).sum()) / norm if norm > 0.0 else 0.0
     tau = 2.0 / math.pi * math.asin(max(-1.0, min(r, 1.0)))
-    return replace(evaluation.errors(level, transport), kendall_tau=tau)
+    return replace(evaluation.errors(name, transport), kendall_tau=tau)
 
 
-def _mean_errors(found: list[LevelErrors]) -> LevelErrors:
+def _mean_errors(found: list[HeldOutErrors]) -> HeldOutErrors:
     """Return the mean of both halves' errors, with the tau of the whole against the truth.
 
     Scores of halves that agree with the correlation r are, as a whole, right with
     ``sqrt(2 r / (1 + r))``; r and tau follow from each other by Greiner's (1909) formula.
     """
-    names = [name for name in vars(found[0]) if name != "level"]
+    names = [name for name in vars(found[0]) if name != "name"]
     mean = {name: float(np.mean([getattr(row, name) for row in found])) for name in names}
     r = math.sin(0.5 * math.pi * max(mean["kendall_tau"], 0.0))
     mean["kendall_tau"] = 2.0 / math.pi * math.asin(math.sqrt(2.0 * r / (1.0 + r)))
-    return LevelErrors(**mean, level=TABLE)
+    return HeldOutErrors(**mean, name=TABLE)

@@ -17,7 +17,7 @@ from surrogate.training.finished_parts import FinishedParts
 
 MAX_FRACTION = 0.75
 """Part of the time that following light may take from renders and fit. It is worth more: what
-minutes of renders know of a color is noisier than the converged preview."""
+minutes of renders know of a color is noisier than traced light."""
 NOISE_GOAL = 0.01
 """Photon noise of a color below which time is better spent on renders."""
 TRIAL_SECONDS = 3.0
@@ -106,7 +106,7 @@ class TooLongError(Exception):
 def followed_grid(
     grid: PreviewGrid, scene: Scene, within: float | None, progress: OnProgress | None
 ) -> PreviewGrid:
-    """Return the grid of the converged preview, or ``grid`` itself where that takes too long.
+    """Return the grid that traced light corrects, or ``grid`` itself where that takes too long.
 
     Time that is left then goes to light paths as well, until their photon noise is `NOISE_GOAL`.
 

@@ -52,7 +52,7 @@ def verified(name: str, folder: Path, minutes: float) -> dict[str, Any]:
         (folder / scene).write_text(scene_text(random_content(int(name))), encoding="utf-8")
     found, words, spent = said(["explore", scene, "--out", "explored"], folder)
     # What has a model answers once.
-    modeled = found["optimized"]["level"] == "surrogate"
+    modeled = found["optimized"]["photon_noise"] is None
     first = None if modeled else FIRST.search(words)
     if first is None and not modeled:
         raise SystemExit(f"explore {scene} did not say when its first answer was there: {words}")

@@ -13,7 +13,9 @@ import numpy as np
 
 from render.cells.cell_sampler import Targets, pixel_rays
 from render.integrators.emitters import Emission
-from render.integrators.subpaths import connect_to_camera
+from render.integrators.subpaths import lens_seen_from
+from render.paths.connect import optical_depth
+from render.paths.vertex import Vertex, empty_vertex, scattering_value
 from render.paths.walk import begin_subpath, sample_scattering, trace_segment
 from render.sampling.proposals import LIGHT_EVENTS
 from render.sampling.streams import HashedStream
@@ -48,10 +50,21 @@ def by_volpath(
     return sums / counts
 
 
+def _sent_to_camera(
+    sensor: mi.Sensor, emission: Emission, v: Vertex, active: mi.Bool
+) -> tuple[mi.Point2f, mi.Spectrum]:
+    """Return where light vertex ``v`` is on the film and what it sends there, without MIS."""
+    ds, importance, active = lens_seen_from(sensor, v, mi.Point2f(0.5), active)
+    sent = v.beta * scattering_value(v, ds.d, mi.TransportMode.Importance, active) * importance
+    eye = empty_vertex()
+    near = sensor.near_clip() / dr.select(active, -dr.dot(ds.d, ds.n), 1.0)
+    eye.p, eye.volume = ds.p - near * ds.d, mi.Bool(True)
+    depth, clear = optical_depth(emission.scene, v, eye, active, emission.nulls)
+    return ds.uv, dr.select(active & clear, sent * dr.exp(-depth), 0.0)
+
+
 @dr.syntax
-def _light_tracer(
-    scene: mi.Scene, sensor: mi.Sensor, emission: Emission, stream: HashedStream
-) -> tuple[Any, Any]:
+def _light_tracer(sensor: mi.Sensor, emission: Emission, stream: HashedStream) -> tuple[Any, Any]:
     """Trace light, connect one random vertex that the camera sees to the camera, without MIS."""
     pick, x, y, free = stream.event(mi.UInt32(0))
     u, w, _, _ = stream.event(mi.UInt32(1))
@@ -64,12 +77,11 @@ def _light_tracer(
     active = dr.max(start.beta) > 0
     coated = mi.Bool(False)
     while active:
-        state, v, arrived, escaped = trace_segment(scene, state, active)
+        state, v, arrived, escaped = trace_segment(emission.scene, state, active)
         v.d_vcm, v.d_vc = mi.Float(0.0), mi.Float(0.0)
         # Facet colors are light that comes from the coating: through the face after it.
-        uv, value = connect_to_camera(
-            scene, sensor, v, mi.Point2f(0.5), 1.0, arrived & ~v.delta & coated & ~v.volume
-        )
+        there = arrived & ~v.delta & coated & ~v.volume
+        uv, value = _sent_to_camera(sensor, emission, v, there)
         amount = dr.mean(value)
         total += amount
         replaces = (amount > 0) & (stream.event(event + LIGHT_EVENTS)[0] * total < amount)
@@ -100,7 +112,7 @@ def by_light_tracing(
         # A literal would be compiled into the kernel, again for every pass.
         salt: Any = dr.opaque(mi.UInt32, seed * 1000 + number)
         streams, _ = mi.sample_tea_32(lane, salt, 6)
-        total, where = _light_tracer(lit, lit.sensors()[0], emission, HashedStream(streams))
+        total, where = _light_tracer(lit.sensors()[0], emission, HashedStream(streams))
         uv = np.array(where).T
         column = np.minimum((uv[:, 0]).astype(int), columns - 1)
         row = np.minimum((uv[:, 1]).astype(int), rows - 1)

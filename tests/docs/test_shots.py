@@ -10,7 +10,7 @@ import pytest
 
 from optimize.design import dimmed_baseline
 from optimize.exploration import rate
-from optimize.reconstruction import guessing_error
+from optimize.readers import guessing_error
 from optimize.report.page import guessing_warning
 from optimize.scoring import open_model
 from render.describe import describe

@@ -18,6 +18,8 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "tutorial.md"
 SCORE_TOLERANCE = 10.0
 """Counts: the page is written anew when a level changes by more."""
+DEGREES_TOLERANCE = 0.2
+"""Degrees of the readers, likewise."""
 
 
 def load_runner() -> ModuleType:
@@ -75,14 +77,16 @@ def test_what_the_page_shows_is_what_its_commands_say(played: list[tuple[Any, st
 
 
 def test_its_scores_are_those_of_today(played: list[tuple[Any, str]]) -> None:
-    row = r"│ (\w+) +│ +(\d+\.\d) │"
+    row = r"│ (\w[\w ]*?) +│ +(\d+\.\d+)° │ +(\d+\.\d+)° │ +(\d+\.\d) │"
     tables = 0
     for block, output in played:
         shown, fresh = re.findall(row, block.output or ""), re.findall(row, output)
         if shown and not block.efforts:
-            assert [name for name, _ in fresh] == [name for name, _ in shown]
-            for (_, now), (_, then) in zip(fresh, shown, strict=True):
-                assert abs(float(now) - float(then)) < SCORE_TOLERANCE
+            assert [name for name, *_ in fresh] == [name for name, *_ in shown]
+            for (_, *now), (_, *then) in zip(fresh, shown, strict=True):
+                off = [abs(float(one) - float(other)) for one, other in zip(now, then, strict=True)]
+                assert max(off[:2]) < DEGREES_TOLERANCE
+                assert off[2] < SCORE_TOLERANCE
             tables += 1
     assert tables == 2
 

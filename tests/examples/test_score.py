@@ -46,7 +46,7 @@ def test_the_page_holds_the_figures_of_its_designs(
 def test_s_orders_poor_usable_and_good_as_the_degrees_do(rated: dict[str, Stage]) -> None:
     order = [rated[name] for name in ("poor", "usable", "good")]
     scores = [stage.rating.score for stage in order]
-    degrees = [stage.normal_error for stage in order]
+    degrees = [stage.reader_error for stage in order]
     assert scores == sorted(scores)
     assert degrees == sorted(degrees, reverse=True)
 
@@ -69,6 +69,6 @@ def test_every_picture_of_the_page_is_there() -> None:
 def test_every_word_that_the_first_screens_use_is_explained() -> None:
     glossary = PAGE.partition("## Words")[2]
     words = ("site", "bend", "facet", "cell", "level", "tau", "S", "M", "λ, lambda", "count",
-             "PSSMLT", "surrogate", "reference", "degrees, normal error")  # fmt: skip
+             "PSSMLT", "surrogate", "reference", "degrees, readers")  # fmt: skip
     for word in words:
         assert f"\n| {word} | " in glossary

@@ -19,8 +19,15 @@ from optimize.design import (
     limits_of,
 )
 from optimize.exploration import Stage
+from optimize.objectives import READERS, ReaderName
 from optimize.overnight.report import write_report
-from optimize.overnight.result import ConvergencePoint, Finalist, OvernightResult
+from optimize.overnight.result import (
+    ConvergencePoint,
+    Finalist,
+    OvernightResult,
+    RenderedFigure,
+)
+from optimize.readers import ReaderFigures, Reading
 from render.chebyshev import chebyshev_nodes
 from render.metric import (
     choose_exposure,
@@ -92,6 +99,12 @@ def sample_stages(finger20: Scene) -> StageMaker:
     return lambda *scores: _stages(finger20, scores)
 
 
+def read_by(degrees: float, shape: tuple[int, int]) -> Reading:
+    """Return a reading of ``shape`` (state, site) that misses by so much everywhere."""
+    figures = ReaderFigures(np.full(2, degrees), np.full(2, 2.0 * degrees), np.full(shape, degrees))
+    return Reading(figures, figures, 1.0, 1.0)
+
+
 def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
     """Return stages whose other figures are made up, for what only shows them."""
     rng = np.random.default_rng(7)
@@ -130,7 +143,7 @@ def _stages(scene: Scene, scores: tuple[float, ...]) -> list[Stage]:
             counts=rng.uniform(0, 255, (*shape, scene.indenter.faces, 3)),
             clipped=0.0,
             domain_excess=0.0,
-            normal_error=300.0 / score,
+            reading=read_by(300.0 / score, shape),
         )
         for (key, title, change), design, score in zip(texts, designs, scores, strict=True)
     ]
@@ -163,11 +176,11 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     )
     first = finalists[0].score
     finalists = tuple(
-        entry
-        if entry.key == "baseline"
-        else Finalist(**{**vars(entry), "gain": entry.score - first, "gain_se": 0.9})
+        entry if entry.key == "baseline"
+        else Finalist(**{**vars(entry), "gain": entry.score - first, "gain_se": 0.9,
+                         "errors": read_errors(1.8, -0.4)})
         for entry in finalists
-    )
+    )  # fmt: skip
     rows = list(zip(("baseline", "best", "uncertain", "random"), finalists, strict=False))
     steps = tuple(
         ConvergencePoint(f"round {number}", role, entry.score - 4 / number, 1.5, entry.predicted)
@@ -176,6 +189,7 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
     )
     return OvernightResult(
         scene=finger20,
+        objective="score",
         replicates=16,
         finalists=finalists,
         winner="winner",
@@ -191,6 +205,12 @@ def finished_night(finger20: Scene, finger20_checker: Checker) -> OvernightResul
         ),
         facts=(("Scene", f"finger20, {finger20.hash}"), ("Seed", "0"), ("Budget", "8 h")),
     )
+
+
+def read_errors(value: float, gain: float | None) -> dict[ReaderName, RenderedFigure]:
+    """Return what both readers make of a finalist, in degrees."""
+    se = None if gain is None else 0.05
+    return {reader: RenderedFigure(value, 0.04, gain, se, value + 0.1) for reader in READERS}
 
 
 @pytest.fixture(scope="session")
@@ -236,6 +256,7 @@ def _finalist(
         gain_se=None,
         predicted=float(found["score"][0]),
         predicted_reach=checker.score_half_width,
+        errors=read_errors(2.2, None),
         counts=counts,
         counts_se=NOISE * predicted,
         predicted_counts=predicted,

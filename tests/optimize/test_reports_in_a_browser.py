@@ -15,7 +15,7 @@ from optimize.exploration import Exploration, rate
 from optimize.report import write_exploration, write_optimization
 from optimize.scoring import search_table
 from optimize.search import AlternatingResult, SearchStep
-from optimize.verification import DesignRenders, FinalistEvaluation, Optimization
+from optimize.verification import DesignRenders, FinalistEvaluation, Optimization, judge_of
 from render.scene import Scene, standalone
 from surrogate.runtime import Checker
 from tests.optimize.browser import SCREENS, look, pale_text
@@ -77,7 +77,9 @@ def optimize_report(
     noisy = light * (1.0 + 0.01 * rng.standard_normal((4, *light.shape)))
     renders = DesignRenders(designs, noisy, noisy.mean(axis=-1), noisy.std(axis=0), 60.0)
     settings = ScoreSettings(finger20_checker.exposure, finger20_checker.lam)
-    finalists = FinalistEvaluation(("baseline", "thesis"), renders, settings)
+    finalists = FinalistEvaluation(
+        ("baseline", "thesis"), renders, judge_of("sensor", finger20, settings)
+    )
     outcome = Optimization(None, None, {"thesis": 60.0}, finalists, None)
     target = tmp_path_factory.mktemp("optimize") / "run"
     write_optimization(finger20, outcome, finger20_checker, standalone("finger20"), target)

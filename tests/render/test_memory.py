@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -39,12 +40,22 @@ def test_a_limit_that_libraries_would_break_on_is_one_sentence(
     assert done.stdout.count("\n") == 1
 
 
-def test_mesa_keeps_no_shaders_in_files_that_a_full_disk_would_cut() -> None:
+@pytest.mark.parametrize(("room", "disabled"), [(1 << 62, "true"), (0, "false")])
+def test_mesa_keeps_shaders_in_files_only_where_no_full_disk_would_cut_them(
+    room: int, disabled: str, tmp_path: Path
+) -> None:
     code = (
-        "import os; from render.preview.gl import create_context; create_context().release(); "
-        "print(os.environ['MESA_SHADER_CACHE_DISABLE'])"
+        f"import os; import render.preview.gl as gl; gl.SHADER_ROOM = {room}; "
+        "gl.create_context().release(); print(os.environ['MESA_SHADER_CACHE_DISABLE'])"
     )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "not there yet")}
+    environment.pop("MESA_SHADER_CACHE_DISABLE", None)
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
-    assert done.stdout == "true\n"
+    assert done.stdout == f"{disabled}\n"

@@ -60,6 +60,19 @@ def test_every_lamp_has_its_number_and_the_color_that_it_is_given() -> None:
         )
 
 
+def test_lamps_that_are_off_are_small_circles() -> None:
+    inks = [None if number < 12 else "#ff0000" for number in range(20)]
+    (outside,) = panels(sensor_svg(SCENE, np.full(20, 1.0), inks, section=False))
+    numbers = {e.text for e in outside.iter(f"{SVG}text")} - {"from outside"}
+    assert numbers == {str(number) for number in range(12, 20)}
+    places = spots(outside, "dark") - flat_fiber_poses(SCENE).position[:12, :2] * [1, -1]
+    np.testing.assert_allclose(np.ptp(places, axis=0), 0.0, atol=2e-3)
+    colors = [*["off"] * 8, *["red"] * 4]
+    baseline = unchecked(SCENE.baseline, {"left": tuple(colors[:8]), "tip": tuple(colors[8:])})
+    (outside,) = panels(sensor_svg(unchecked(SCENE, {"baseline": baseline}), section=False))
+    assert len(spots(outside, "dark")) == 8
+
+
 def test_sites_that_do_not_count_are_crosses() -> None:
     camera = unchecked(SCENE.camera, {"field_of_view": np.radians(45.0)})
     scene = unchecked(SCENE, {"camera": camera})

@@ -135,7 +135,7 @@ def test_lam_must_not_be_negative(lam: float) -> None:
 def test_the_level_must_be_known() -> None:
     with pytest.raises(
         TableError,
-        match="allowed: preview, preview of few paths, converged preview, surrogate, reference",
+        match="allowed: preview, surrogate, reference",
     ):
         replace(example(), level="guess")
 

@@ -10,6 +10,7 @@ import pytest
 
 from render.chebyshev import chebyshev_nodes
 from render.errors import TableError
+from render.levels import TABLE
 from render.preview import Preview
 from render.preview.converged import ConvergedTransport
 from render.scene import Scene
@@ -24,7 +25,6 @@ from surrogate.model.lamp_copies import (
 from surrogate.model.preview_grid import draw_grid
 from surrogate.preview_model import preview_checker
 from surrogate.runtime import Checker
-from surrogate.runtime.metadata import TABLE
 from surrogate.runtime.model_file import OUTPUTS
 from surrogate.train import TrainConfig, Trained, train
 from surrogate.training.dataset import training_cells

@@ -240,7 +240,7 @@ def test_under_a_window_the_coarse_preview_has_the_light_that_is_followed(
     content["window"]["index"]["value"] = 1.6
     scene = Scene.model_validate(content)
     said = preview_checker(scene, coarse=True)
-    assert said.level == "preview of few paths"
+    assert (said.level, said.effort) == ("surrogate", "few paths")
     phi, dim = np.full((3, 3), np.pi / 2), 0.3 * np.eye(3)[:, :, None] * [1.0, 0.0, 0.0]
     seen = said.run(phi, dim, np.zeros(1))["counts"][..., 0].sum(axis=(1, 2, 3))
     light = few_paths_transport(scene).cells[:, len(NODES) // 2, ..., :-1].sum(axis=(1, 2, 3))
@@ -276,14 +276,14 @@ def test_the_converged_preview_is_kept_bend_by_bend_and_goes_on(
     (tmp_path / "tactilux").rename(tmp_path / "moved")
     np.testing.assert_array_equal(cache.converged_transport(scene).cells, whole.cells)
     checker = preview_checker(scene)
-    assert checker.level == "converged preview"
+    assert (checker.level, checker.effort) == ("surrogate", "converged")
     assert checker.photon_noise == whole.noise.max() > 0.0
     assert preview_checker(scene, coarse=True).photon_noise is None
     monkeypatch.setattr(
         cache, "FEW_PATHS", Effort(photons=500, paths=128, arrivals=10_000, rounds=1)
     )
     first = few_paths_checker(scene)
-    assert first.level == "preview of few paths"
+    assert (first.level, first.effort) == ("surrogate", "few paths")
     assert first.photon_noise is not None
     assert first.photon_noise > checker.photon_noise
     # As wide as the two previews are apart.

@@ -80,7 +80,7 @@ def test_a_trained_model_knows_the_light_of_each_state(
     made = train(scene, tmp_path / "model", table=table, config=config)
     assert made.fit.kind in ("ridge", "network")
     # A state is no value between others, so none was left out.
-    assert [split.level for split in made.fit.splits] == [
+    assert [split.name for split in made.fit.splits] == [
         "unseen fiber position",
         "unseen direction",
     ]

@@ -41,19 +41,19 @@ from tests.oracles.random_scenes import random_scene
 
 
 def test_the_fitted_model_is_far_better_than_the_preview(trained: Trained) -> None:
-    levels = {row.level: row for row in trained.fit.levels}
+    levels = {row.name: row for row in trained.fit.levels}
     assert levels[trained.fit.kind].facet_median < 0.2 * levels["preview"].facet_median
     assert levels[trained.fit.kind].kendall_tau > 0.9
 
 
 def test_the_better_of_ridge_and_networks_is_kept(trained: Trained) -> None:
-    levels = {row.level: row for row in trained.fit.levels}
+    levels = {row.name: row for row in trained.fit.levels}
     loser = {"ridge": "network", "network": "ridge"}[trained.fit.kind]
     assert levels[trained.fit.kind].facet_median < 1.2 * levels[loser].facet_median
 
 
 def test_whole_positions_directions_and_bends_are_left_out_too(trained: Trained) -> None:
-    names = [row.level for row in trained.fit.splits]
+    names = [row.name for row in trained.fit.splits]
     assert names == ["unseen fiber position", "unseen direction", "unseen bend"]
 
 

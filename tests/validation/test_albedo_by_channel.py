@@ -44,7 +44,7 @@ def rendered(scene: Scene, fiber: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def followed(scene: Scene, fiber: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same in the converged preview, known to 1 % without its photons' noise."""
+    """Return the same of traced light, known to 1 % without its photons' noise."""
     clock = Clock(task_count(scene, EFFORT), None)
     found = transport_at(scene, 0.0, np.array([PHI]), EFFORT, clock)
     sums = found.cells[fiber, 0, :, :-1].sum(axis=(0, 1))

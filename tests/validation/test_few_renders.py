@@ -1,4 +1,4 @@
-"""What few renders teach a model: never less than the converged preview knew without them.
+"""What few renders teach a model: never less than converged light knew without them.
 
 ``finger20`` is trained with few samples a cell; its colors and scores are held against the shipped
 model, which 12,000 samples a cell taught. From the command line, for other efforts:
@@ -62,7 +62,7 @@ def trained(folder: Path, samples: int, network: NetworkConfig) -> Checker:
     """Return the model of ``finger20`` from so many samples a cell."""
     config = TrainConfig(samples=samples, fit=FitConfig(network=network))
     made = train(load_scene("finger20"), folder / "model", config=config)
-    print(f"residual: {made.fit.kind}, on the {made.metadata.preview['kind']}", flush=True)
+    print(f"residual: {made.fit.kind}, on the {made.metadata.preview_name}", flush=True)
     return Checker.load(made.folder)
 
 
@@ -85,7 +85,7 @@ def main() -> None:
     asked = parser.parse_args()
     truth, scene = Checker.load(SHIPPED), load_scene("finger20")
     print("preview as drawn", errors(preview_checker(scene, coarse=True), truth), flush=True)
-    print("converged preview", errors(preview_checker(scene), truth), flush=True)
+    print("surrogate (converged)", errors(preview_checker(scene), truth), flush=True)
     with tempfile.TemporaryDirectory() as folder:
         made = trained(Path(folder), asked.samples, NetworkConfig())
     print(f"{asked.samples} samples a cell", errors(made, truth))

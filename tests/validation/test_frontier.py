@@ -30,14 +30,14 @@ SMALLER = {
     "faces = 10": "faces = 4",
     "value = [0.0, 45.0, 90.0]": "value = [0.0, 45.0]",
 }
-LEVELS = [
-    "preview", "preview of few paths", "converged preview", "few renders", "table of few renders",
-    "checker.onnx", "checker.onnx, batches of 64", "bidirectional, MIS, 1 samples",
-    "bidirectional, MIS, 4 samples",
+NAMES = [
+    "preview", "surrogate (few paths)", "surrogate (converged)", "surrogate (few renders)",
+    "surrogate (table)", "checker.onnx", "checker.onnx, batches of 64",
+    "bidirectional, MIS, 1 samples", "bidirectional, MIS, 4 samples",
     "PSSMLT, 4 samples", "volpath, 4 samples a pixel", "volpath, 16 samples a pixel",
 ]  # fmt: skip
 STATES_NONE = ("table", "batches", "volpath")
-"""Levels that state no interval of a score, or the same as another row."""
+"""Rows that state no interval of a score, or the same as another row."""
 QUICK = TrainConfig(
     phi_nodes=5,
     preview_nodes=(7, 3),
@@ -99,14 +99,14 @@ def test_a_frontier_has_every_level_and_a_second_call_goes_on_from_the_first(
     code, out, err = frontier("small3.toml", *REQUEST, "--json")
     assert code == 0, err
     result = json.loads(out)
-    assert [row["level"] for row in result["rows"]] == LEVELS
+    assert [row["name"] for row in result["rows"]] == NAMES
     assert result["left_out"] == {}
     for row in result["rows"]:
         assert row["seconds_per_design"] > 0
         assert row["facet_median_true"] <= row["facet_median"] <= row["facet_p95"]
         assert -1 <= row["kendall_tau"] <= 1
         assert row["score_median"] >= 0
-        silent = any(word in row["level"] for word in STATES_NONE)
+        silent = any(word in row["name"] for word in STATES_NONE)
         assert (row["interval"] is None) == silent
         if not silent:
             assert 0 <= row["interval"]["score"] <= 1
@@ -142,8 +142,8 @@ def test_several_scenes_make_one_table_and_a_scene_that_is_finished_is_taken_as_
     result = json.loads(out)
     assert {scene["scene"] for scene in result["scenes"]} == {"small3", "other"}
     assert [rung["rung"] for rung in result["rungs"]] == [
-        "preview", "preview of few paths", "converged preview", "few renders",
-        "table of few renders", "checker.onnx", "1/32 of the reference", "1/8 of the reference",
+        "preview", "surrogate (few paths)", "surrogate (converged)", "surrogate (few renders)",
+        "surrogate (table)", "checker.onnx", "1/32 of the reference", "1/8 of the reference",
     ]  # fmt: skip
     assert all(rung["scenes"] == 2 for rung in result["rungs"])
     assert (sensor / "survey" / "frontier.png").read_bytes()[:4] == b"\x89PNG"

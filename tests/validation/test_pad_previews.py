@@ -37,7 +37,7 @@ KNOWN = (
     "sharp lobe no face", "mixed 6", "random 0", "random 7", "random 9", "random 13", "random 20",
     "random 21",
 )  # fmt: skip
-"""Where the converged preview is known to be off by more (RESULTS.md): narrow beams, in air, and
+"""Where converged light is known to be off by more (RESULTS.md): narrow beams, in air, and
 lamps that light facets over the whole pad."""
 
 

@@ -1,4 +1,4 @@
-"""The photon noise that the converged preview says of its colors, against runs with other seeds.
+"""The photon noise that converged light says of its colors, against runs with other seeds.
 
 From the command line, a line for every bend of random sensors (``tests.oracles.random_scenes``):
 ``python -m tests.validation.test_photon_noise 1 5 7 --arrivals 4000000`` follows so many photons

@@ -49,7 +49,7 @@ DESIGNS = 200
 NOISE_DRAWS = 16
 DIM = 1e-3
 """Power at which no facet saturates."""
-SPREADS = {one.kind: one.color_spread for one in (COARSE_ERRORS, FEW_PATHS_ERRORS)}
+SPREADS = {one.effort: one.color_spread for one in (COARSE_ERRORS, FEW_PATHS_ERRORS)}
 NORMAL = 1.645
 """Normal errors of deviation 1 are within this as often as `COVERAGE` says."""
 
@@ -255,7 +255,7 @@ def _measured(
     variance = np.where(seen, found.se**2, 0.0)[np.arange(fibers), choice]
     variance = np.einsum("dfbsk,dfc->dbskc", variance, power**2, optimize=True)
     channels = counts(drawn)
-    spread = SPREADS.get(checker.level, CONVERGED_ERRORS.color_spread)
+    spread = SPREADS.get(checker.effort, CONVERGED_ERRORS.color_spread)
     color_half = np.hypot(
         checker.counts_factor * spread * channels, NORMAL * settings.exposure * np.sqrt(variance)
     )

@@ -32,6 +32,8 @@ from surrogate.preview_model import preview_checker
 from tests.colored_skins import tinted_digit
 from tests.long import LONG
 
+pytestmark = pytest.mark.skipif(not LONG, reason="part of make validation-long")
+
 BOUND = 0.10
 """Relative error that a value may have where its interval does not hold the truth."""
 BOUNDED = {"reduced_scattering", "absorption", "sigma_v"}
@@ -122,7 +124,6 @@ def recovered(
     return rows, power
 
 
-@pytest.mark.skipif(not LONG, reason="part of make validation-long")
 @pytest.mark.parametrize("seed", [5, 6, 7, 8, 9, 0, 1])
 def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: int) -> None:
     rows, _ = recovered("finger20", seed, rig_samples=8000, materials=32, samples=1000)
@@ -130,26 +131,20 @@ def test_every_bounded_value_is_near_the_truth_or_its_interval_holds_it(seed: in
 
 
 def test_intervals_of_a_clear_pad_hold_the_truth() -> None:
-    rig_samples, materials, samples = (8000, 16, 1000) if LONG else (2000, 8, 250)
     held = []
-    for seed in range(8) if LONG else (6,):
-        rows, power = recovered(
-            "digit", seed, rig_samples=rig_samples, materials=materials, samples=samples
-        )
+    for seed in range(8):
+        rows, power = recovered("digit", seed, rig_samples=8000, materials=16, samples=1000)
         held += [one.inside for one in rows]
         assert np.abs(power).max() < 0.05
-    # Of 16 intervals of 95 %, fewer than 13 come about once in 140 times; of 2, none once in 400.
-    assert sum(held) >= (13 if LONG else 1)
+    # Of 16 intervals of 95 %, fewer than 13 come about once in 140 times.
+    assert sum(held) >= 13
 
 
 def test_intervals_of_a_skin_with_an_albedo_per_channel_hold_the_truth(tmp_path: Path) -> None:
-    rig_samples, materials, samples = (1500, 8, 1000) if LONG else (500, 8, 250)
     name, held = str(tinted_digit(tmp_path)), []
-    for seed in (6, 0, 1, 2) if LONG else (6,):
-        rows, power = recovered(
-            name, seed, rig_samples=rig_samples, materials=materials, samples=samples
-        )
+    for seed in (6, 0, 1, 2):
+        rows, power = recovered(name, seed, rig_samples=1500, materials=8, samples=1000)
         held += [one.inside for one in rows]
         assert np.abs(power).max() < 0.05
-    # Of 16 intervals of 95 %, fewer than 13 come about once in 140 times; of 4, 2 once in 70.
-    assert sum(held) >= (13 if LONG else 3)
+    # Of 16 intervals of 95 %, fewer than 13 come about once in 140 times.
+    assert sum(held) >= 13

@@ -49,7 +49,7 @@ def line(row: FrontierRow) -> str:
     assert row.interval is not None
     counts = row.interval.counts
     return (
-        f"| {row.level} | {row.facet_median_true:.2%} | {row.score_median:.2f} "
+        f"| {row.name} | {row.facet_median_true:.2%} | {row.score_median:.2f} "
         f"| {row.kendall_tau:.3f} | {row.interval.score:.0%} (± {row.interval.half_width:.2f}) "
         f"| {'' if counts is None else f'{counts:.0%}'} |"
     )

@@ -18,5 +18,7 @@ def test_a_model_is_trained_for_the_own_sensor_and_found_by_its_hash(tmp_path: P
             shell.run(block)
         (by_hand,) = [block for block in blocks if "by-hand.toml" in block.body]
         asked = replace(by_hand, body=by_hand.body.replace(" --coarse", ""))
-        assert ", level 1, surrogate" in shell.run(asked)
+        said = shell.run(asked)
+        assert ", surrogate (" in said
+        assert "There is no model" not in said
     assert (tmp_path / "models" / "fingertip" / "checker.onnx").is_file()

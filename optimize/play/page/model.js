@@ -1,6 +1,6 @@
 /* Light is linear: transport at direction nodes, superposed; then the metric M (thesis, eq. 4.6)
-   and the score S (eq. 4.7) with exact slopes. Axes as in the tables: fiber, node, bend, site,
-   facet; channels of the camera last. Angles in rad. */
+   and the score S (eq. 4.7) with exact slopes. Axes as in the tables: fiber, node, bend, site, then
+   facets and, last, the untouched pad; channels of the camera last. Angles in rad. */
 
 /* The 16-bit tables of the page as numbers. */
 function decodeTables(text, tables) {
@@ -98,25 +98,26 @@ class Model {
     this.page = page;
     this.fibers = page.fibers.length;
     [this.bends, this.sites, this.facets] = [page.bends.length, page.sites.length, page.normals.length];
+    this.patches = this.facets + 1;
     this.nodes = new Nodes(page.phi);
     const { response } = page.palette;
     this.channels = response[0].length;
     const made = (table) =>
       new Superposition(this.nodes, table, this.fibers, page.tints, response);
-    [this.light, this.flat, this.skin] = [tables.facets, tables.background, tables.skin].map(made);
-    this.slope = new Float64Array(this.light.width);
+    [this.light, this.skin] = [tables.light, tables.skin].map(made);
+    [this.lit, this.slope] = [0, 0].map(() => new Float64Array(this.light.width));
   }
 
   /* Score, its parts, the map of M (bend, site) and the fraction of clipped facets. */
   rate(counts) {
     const { countMax, ddof, cyclic, lam } = this.page.metric;
-    const { bends, sites, facets, channels } = this, metric = new Float64Array(bends * sites);
+    const { bends, sites, facets, patches, channels } = this, metric = new Float64Array(bends * sites);
     const length = new Float64Array(facets), hue = new Float64Array(channels * facets);
     const pairs = cyclic ? facets : facets - 1, step = new Float64Array(pairs);
     let full = 0;
     for (let m = 0; m < metric.length; m++) {
       for (let k = 0; k < facets; k++) {
-        const at = channels * (m * facets + k);
+        const at = channels * (m * patches + k);
         let square = 0, clips = false;
         for (let c = 0; c < channels; c++) {
           const raw = counts[at + c], v = raw < 0 ? 0 : raw > countMax ? countMax : raw;
@@ -153,11 +154,11 @@ class Model {
     return [bySite, byBend];
   }
 
-  /* S and its exact slopes by the directions, counts per rad (optimize.scoring.score_gradient). */
-  climbing(design) {
-    const counts = this.light.sum(design), rated = this.rate(counts);
+  /* S and its exact slopes by counts (optimize.scoring.score_gradient). */
+  scoreSlopes(counts) {
+    const rated = this.rate(counts);
     const { countMax, ddof, cyclic, lam } = this.page.metric;
-    const { bends, sites, facets, channels } = this;
+    const { bends, sites, facets, patches, channels } = this;
     const [bySite, byBend] = this.means(rated.metric);
     const one = evenMeanSlopes(bySite, ddof), two = evenMeanSlopes(byBend, ddof);
     const slopes = new Float64Array(counts.length), pairs = cyclic ? facets : facets - 1;
@@ -165,7 +166,7 @@ class Model {
     const step = new Float64Array(pairs), flow = new Float64Array(channels * pairs);
     const byHue = new Float64Array(channels * facets);
     for (let b = 0, m = 0; b < bends; b++) for (let s = 0; s < sites; s++, m++) {
-      const weight = one[s] / bends + two[b] / sites - 1 / (bends * sites), first = channels * m * facets;
+      const weight = one[s] / bends + two[b] / sites - 1 / (bends * sites), first = channels * m * patches;
       for (let k = 0; k < facets; k++) {
         let square = 0;
         for (let c = 0; c < channels; c++) {
@@ -204,17 +205,28 @@ class Model {
         }
       }
     }
-    const phi = new Float64Array(this.fibers);
-    for (let f = 0; f < this.fibers; f++) {
-      if (!isLit(design, f)) continue;
-      this.light.mix(f, this.nodes.slopeWeights(design.phi[f]), this.slope, 0);
+    return { value: rated.score, byCounts: slopes };
+  }
+
+  /* Slopes by directions (per rad) and by the power of each LED, from those by counts. */
+  along({ phi, power }, byCounts) {
+    const { light, channels, fibers } = this, { response } = light, leds = response.length;
+    const found = { phi: new Float64Array(fibers), power: new Float64Array(leds * fibers) };
+    for (let f = 0; f < fibers; f++) {
+      light.mix(f, this.nodes.weights(phi[f]), this.lit, 0);
+      light.mix(f, this.nodes.slopeWeights(phi[f]), this.slope, 0);
       for (let c = 0; c < channels; c++) {
-        const p = this.light.gain(design.power, f, c), first = this.light.tint(c);
-        if (p) for (let i = 0; i < this.light.cells; i++)
-          phi[f] += p * this.slope[first + i] * slopes[channels * i + c];
+        const first = light.tint(c);
+        let [byGain, byTurn] = [0, 0];
+        for (let i = 0; i < light.cells; i++) {
+          byGain += this.lit[first + i] * byCounts[channels * i + c];
+          byTurn += this.slope[first + i] * byCounts[channels * i + c];
+        }
+        found.phi[f] += light.gain(power, f, c) * byTurn;
+        for (let l = 0; l < leds; l++) found.power[leds * f + l] += response[l][c] * byGain;
       }
     }
-    return { ...rated, phi };
+    return found;
   }
 }
 
@@ -250,7 +262,6 @@ function colorOf(design, f) {
   const powers = powersOf(design, f), best = Math.max(...powers);
   return best > 0 ? powers.indexOf(best) : OFF;
 }
-function isLit(design, f) { return colorOf(design, f) !== OFF; }
 function copyOf({ phi, power }) {
   return { phi: Float64Array.from(phi), power: Float64Array.from(power) };
 }

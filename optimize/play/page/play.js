@@ -2,7 +2,8 @@
 
 const page = JSON.parse(document.getElementById("page").textContent);
 const model = new Model(page, decodeTables(document.getElementById("tables").textContent.trim(), page.tables));
-const reader = new Reader(model), limits = new Limits(page), leds = page.palette.names.length;
+const readers = new Readers(model, page.readers), limits = new Limits(page), leds = page.palette.names.length;
+const goal = objectiveOf(page.objective, model, readers);
 const find = (id) => document.getElementById(id);
 const one = (value) => value.toFixed(1);
 
@@ -10,16 +11,26 @@ function designOf({ angles_deg, power }) {
   return { phi: Float64Array.from(angles_deg, (a) => Math.min(a * DEGREE, Math.PI)),
     power: Float64Array.from(power.flat()) };
 }
-/* Where a score stands on the bar, %: what ten counts are is shown however little the optimum gains. */
-function place(score) {
-  const { baseline, optimum } = ratings, span = Math.max(Math.abs(optimum.score - baseline.score), 10);
-  return Math.min(Math.max(25 + (60 * (score - baseline.score)) / span, 0), 100);
+/* S with its parts, and what both readers make of a design. */
+function rate(design) {
+  const counts = model.light.sum(design);
+  return { ...model.rate(counts), ...readers.read(counts) };
 }
-function rate(design) { return model.rate(model.light.sum(design)); }
+
+/* What is climbed: degrees of a reader, where less is better, or S. */
+const inDegrees = page.objective !== "score", better = inDegrees ? -1 : 1;
+const figureOf = (rated) => rated[page.objective];
+const degrees = (value) => `${value.toFixed(2)}°`;
+/* Where a figure stands on the bar, %: what ten counts or a tenth of the baseline's degrees are is shown
+   however little the optimum gains. */
+function place(figure) {
+  const [base, best] = [ratings.baseline, ratings.optimum].map(figureOf);
+  const span = Math.max(Math.abs(best - base), inDegrees ? base / 10 : 10);
+  return Math.min(Math.max(25 + (60 * better * (figure - base)) / span, 0), 100);
+}
 
 const known = { baseline: designOf(page.designs.baseline), optimum: designOf(page.designs.optimum) };
 const ratings = { baseline: rate(known.baseline), optimum: rate(known.optimum) };
-const baselineError = reader.error(known.baseline);
 const heights = [...ratings.baseline.metric, ...ratings.optimum.metric];
 const heatScale = [Math.min(...heights), Math.max(...heights)];
 /* The link's form: 4 bytes of the scene's hash, then 16 bits for the angle and for each power. */
@@ -28,7 +39,6 @@ const mark = page.scene.hash.slice(0, 8);
 const state = {
   mine: designOf(page.designs.start), show: "mine", selected: 0, bend: 0, touch: page.touches.length - 1,
   center: [0, 0], past: [], future: [], kept: null, climb: null, rated: null,
-  read: null,
 };
 state.kept = copyOf(state.mine);
 state.center = page.sites[Math.floor(page.sites.length / 2)].slice();
@@ -120,11 +130,14 @@ const act = {
 
 function climbOn() {
   if (!state.climb) return;
-  const more = state.climb.advance(30);
-  state.mine = copyOf(state.climb.design);
-  find("uphill-said").textContent = `${one(state.climb.score)} after `
-    + `${state.climb.evaluated.toLocaleString("en")} designs`;
-  redraw();
+  const { design } = state.climb, more = state.climb.advance(30);
+  if (state.climb.design !== design) {
+    state.mine = copyOf(state.climb.design);
+    redraw();
+  }
+  const { value, evaluated, doing } = state.climb, reached = inDegrees ? degrees(-value) : one(value);
+  find("uphill-said").textContent = `${reached} after ${evaluated.toLocaleString("en")} designs`
+    + (more ? `, ${doing}` : "");
   if (more) setTimeout(climbOn);
   else stop("Nothing nearby is better: to turn one lamp, or to recolor, light or darken two, does not help.");
 }
@@ -140,7 +153,9 @@ function stop(said = "") {
 find("uphill").addEventListener("click", () => {
   if (state.climb) { stop("Stopped."); return; }
   if (state.show !== "mine") [state.mine, state.show] = [copyOf(known[state.show]), "mine"];
-  state.climb = new Climb(model, limits, state.mine);
+  state.climb = new Climb(model, limits, goal, state.mine);
+  state.mine = copyOf(state.climb.design);
+  redraw();
   find("uphill").textContent = "Stop";
   climbOn();
 });
@@ -199,8 +214,11 @@ function designFile(design) {
     power: fibers.map((f) => Array.from(powersOf(design, f))),
     ...page.paletteInFile,
     level: page.level,
+    effort: page.effort,
     score: { value: rated.score, interval: [rated.score - half, rated.score + half], mean: rated.mean,
       spread_sites: rated.spreadSites, spread_bends: rated.spreadBends },
+    read: { reader_error_deg: rated.sensor, normal_error_deg: rated.place, exposure_factor: rated.factor,
+      gain: rated.gain },
     lam: page.metric.lam, exposure: page.metric.exposure, conventions: page.metric.conventions,
     versions: page.versions,
   };
@@ -315,9 +333,10 @@ function seen(design, bend, touch, center) {
       out[3 * i + k] += values[first + channels * i + c] * display[c][k];
     return out;
   };
+  const { sites, patches } = model, light = at(model.light.sum(design), sites * patches);
   return {
-    facets: at(model.light.sum(design), model.sites * model.facets),
-    flat: at(model.flat.sum(design), model.sites),
+    facets: light.filter((_, i) => Math.floor(i / 3) % patches !== patches - 1),
+    flat: light.filter((_, i) => Math.floor(i / 3) % patches === patches - 1),
     skin: at(model.skin.sum(design), page.skinShape[0] * page.skinShape[1]),
     bend: page.bends[bend], shape: Math.min(bend, page.skins.length - 1), touch, center,
   };
@@ -325,7 +344,7 @@ function seen(design, bend, touch, center) {
 
 function draw() {
   const design = shownDesign(), { countMax } = page.metric, touch = page.touches[state.touch];
-  const rated = (state.rated = model.rate(model.light.sum(design)));
+  const rated = (state.rated = rate(design));
   const scene = seen(design, state.bend, touch, state.center);
   sensor.draw({ design, selected: state.selected, fullPower: limits.color, skin: scene.skin, touch,
     center: state.center, countMax: (countMax * Math.PI * page.pad.index ** 2) / page.camera.albedo });
@@ -344,25 +363,29 @@ function drawCamera(scene) {
 }
 
 function drawScore(design, rated) {
-  const half = page.halfWidth, gain = rated.score - ratings.baseline.score;
-  find("score").textContent = one(rated.score);
+  const half = page.halfWidth, gain = figureOf(rated) - figureOf(ratings.baseline), write = inDegrees ? degrees : one;
+  /* S alone has an interval. */
+  const least = inDegrees ? 0.005 : 0.05, sure = inDegrees ? least : 2 * half;
+  find("figure-sensor").textContent = degrees(rated.sensor);
+  find("figure-place").textContent = degrees(rated.place);
+  find("figure-score").textContent = one(rated.score);
   find("interval").textContent = `${one(rated.score - half)} to ${one(rated.score + half)}`;
-  find("gain").textContent = Math.abs(gain) < 0.05 ? "as the baseline"
-    : `${gain > 0 ? "+" : "−"}${one(Math.abs(gain))} against the baseline`;
-  find("gain").className = gain > 2 * half ? "better" : gain < -2 * half ? "worse" : "";
+  find("gain").textContent = Math.abs(gain) < least ? "as the baseline"
+    : `${gain > 0 ? "+" : "−"}${write(Math.abs(gain))} against the baseline`;
+  find("gain").className = better * gain > sure ? "better" : better * gain < -sure ? "worse" : "";
   find("mean").textContent = one(rated.mean);
   find("spread-sites").textContent = one(rated.spreadSites);
   if (page.axis.word !== "") find("spread-bends").textContent = one(rated.spreadBends);
-  /* Known as of the design that stood still last. */
-  find("degrees").textContent = state.read && same(state.read.design, design) ? state.read.said : "…";
-  find("marker").style.left = `${place(rated.score)}%`;
+  find("marker").style.left = `${place(figureOf(rated))}%`;
+  find("band").hidden = inDegrees;
   find("band").style.left = `${place(rated.score - half)}%`;
   find("band").style.width = `${place(rated.score + half) - place(rated.score - half)}%`;
   const said = limits.problems(design), colors = new Set(Array.from(design.phi, (_, f) => colorOf(design, f)));
   if (colors.size === 1 && (colors.has(OFF) || (design.phi.length > 1 && !page.palette.oneHue))) said.push(colors.has(OFF)
     ? "All lamps are off."
     : "One color lights everything: S may like it, but nobody can read azimuths from it.");
-  if (rated.clipped > page.clipped) said.push(`${(100 * rated.clipped).toFixed(0)} % of the facets saturate the camera.`);
+  if (rated.clipped > page.clipped) said.push(`At the scene's exposure ${(100 * rated.clipped).toFixed(0)} % of `
+    + "the facets saturate the camera.");
   const shown = said.slice(0, 3).join(" ") + (said.length > 3 ? ` And ${said.length - 3} more.` : "");
   if (find("problems").textContent !== shown) find("problems").textContent = shown;
 }
@@ -389,22 +412,19 @@ const IN_STATE = { "": "", bend: " at this bend", state: " in this state" };
 function announce() {
   clearTimeout(pause);
   pause = setTimeout(() => {
-    const design = copyOf(shownDesign()), error = reader.error(design);
-    state.read = { design, said: `${error.toFixed(1)}°, baseline ${baselineError.toFixed(1)}°` };
-    redraw();
-    const rated = state.rated, gain = rated.score - ratings.baseline.score;
+    const rated = state.rated, base = ratings.baseline;
     const metric = rated.metric.subarray(state.bend * model.sites, (state.bend + 1) * model.sites);
-    find("spoken").textContent = `Score ${one(rated.score)}, ${one(Math.abs(gain))} `
-      + `${gain < 0 ? "below" : "above"} the baseline; normals read to ${error.toFixed(1)} degrees.`;
+    find("spoken").textContent = `Sensor reader ${degrees(rated.sensor)}, place reader ${degrees(rated.place)}, `
+      + `score ${one(rated.score)}; baseline ${degrees(base.sensor)}, ${degrees(base.place)}, ${one(base.score)}.`;
     find("heat").setAttribute("aria-label", `Metric M over the sites, from ${Math.round(Math.min(...metric))} `
       + `to ${Math.round(Math.max(...metric))} counts${IN_STATE[page.axis.word]}`);
   }, 300);
 }
 
-const ends = [place(ratings.baseline.score), place(ratings.optimum.score)];
+const ends = [ratings.baseline, ratings.optimum].map((rated) => place(figureOf(rated)));
 document.querySelector(".meter").classList.toggle("apart", Math.abs(ends[1] - ends[0]) > 30);
 for (const name of ["baseline", "optimum"])
-  document.querySelector(`.tick.${name}`).style.left = `${place(ratings[name].score)}%`;
+  document.querySelector(`.tick.${name}`).style.left = `${place(figureOf(ratings[name]))}%`;
 checkBend(0);
 checkTouch(state.touch);
 openLink();
@@ -413,11 +433,16 @@ announce();
 window.addEventListener("hashchange", openLink);
 new ResizeObserver(redraw).observe(document.body);
 
-/* For programs: the score of a design as this page has it. */
+/* For programs: score and degrees of a design as this page has them. */
 window.tactilux = {
   rate: (angles_deg, power) => rate(designOf({ angles_deg, power })),
   design: () => designFile(shownDesign()),
-  normalError: (angles_deg, power) => reader.error(designOf({ angles_deg, power })),
+  /* Slopes of the objective by directions, per rad, and by the power of LEDs. */
+  slopes: (angles_deg, power) => {
+    const design = designOf({ angles_deg, power }), { byCounts } = goal.slopes(model.light.sum(design));
+    const { phi, power: byPower } = model.along(design, byCounts);
+    return { phi: Array.from(phi), power: Array.from(byPower) };
+  },
   climbing: () => Boolean(state.climb),
   /* The camera's picture as a PNG in a data URL, of a touch (its number) at a place in mm. */
   picture: (touch, bend, center, width, height) => {

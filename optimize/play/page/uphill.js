@@ -1,5 +1,10 @@
-/* What the builder's limits leave, and the way uphill: exact slopes turn the lamps, 2-opt recolors
-   them, until neither helps. */
+/* What the builder's limits leave, and the way uphill by a reader's degrees or S: exact slopes turn the
+   lamps, 2-opt recolors them, until neither helps. */
+
+/* Relative gain below which a round, or a change of colors, is not worth it. */
+const LEAST_GAIN = 1e-4;
+/* Changes of colors of which the best is taken, and how many are tried before lamps are turned again. */
+const TRIED_AT_ONCE = 12, FIRST_TRIED = 120;
 
 class Limits {
   constructor(page) {
@@ -70,7 +75,8 @@ class Limits {
   /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, and no more than there are. */
   allows(colors) {
     const used = this.counts.map(() => 0);
-    return colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[c] <= this.counts[c]));
+    return colors.filter((c) => c !== OFF).length <= this.most
+      && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[c] <= this.counts[c]));
   }
 
   /* What of a design cannot be built, in sentences. */
@@ -86,24 +92,25 @@ class Limits {
     const turned = colors.map((_, f) => f)
       .filter((f) => Math.abs(this.nearest(f, design.phi[f]) - design.phi[f]) > 1e-6);
     if (turned.length) said.push(`The scene forbids these directions: fiber ${turned.join(", ")}.`);
-    if (!this.allows(colors)) said.push("The scene allows other colors, or fewer LEDs of one color.");
+    if (!this.allows(colors)) said.push("The scene allows other colors, or fewer LEDs of one color or of all.");
     return said;
   }
 }
 
 /* Climbs from a design in small steps; `advance` works for some milliseconds and says whether there
-   is more to do. */
+   is more to do, and `doing` what. */
 class Climb {
-  constructor(model, limits, design) {
-    [this.model, this.limits] = [model, limits];
+  constructor(model, limits, goal, design) {
+    [this.model, this.limits, this.goal] = [model, limits, goal];
     this.design = copyOf(design);
     this.design.phi = limits.settle(design.phi);
     this.fractions = Array.from(design.phi, (_, f) => {
       const c = colorOf(design, f);
       return c === OFF ? 1 : powersOf(design, f)[c] / limits.color[c];
     });
-    this.score = model.rate(model.light.sum(this.design)).score;
+    this.value = goal.value(model.light.sum(this.design));
     this.evaluated = 1;
+    this.doing = "";
     this.work = this.run();
   }
 
@@ -114,32 +121,39 @@ class Climb {
   }
 
   * run() {
-    for (let before = -Infinity; this.score > before + 1e-6;) {
-      before = this.score;
-      if (this.limits.step > 0) yield* this.stepTurns(); else yield* this.turn();
-      yield* this.recolor();
-    }
+    do {
+      let before;
+      do {
+        before = this.value;
+        if (this.limits.step > 0) yield* this.stepTurns(); else yield* this.turn();
+        while (yield* this.recolor(FIRST_TRIED));
+      } while (this.gains(this.value, before));
+    } while (yield* this.recolor(Infinity));
   }
 
-  accept(design, score) { [this.design, this.score] = [design, score]; }
+  gains(value, before) { return value > before + LEAST_GAIN * Math.abs(before); }
+
+  accept(design, value) { [this.design, this.value] = [design, value]; }
 
   /* Directions by resilient steps along the exact slopes (Riedmiller and Braun 1993): each lamp
-     has a step that grows while its slope keeps its sign. S has kinks where facets clip, so the
+     has a step that grows while its slope keeps its sign. There are kinks where facets clip, so the
      best design on the way is kept. */
   * turn() {
-    const { model, limits } = this, now = copyOf(this.design), count = now.phi.length;
-    const step = new Float64Array(count).fill(0.03), last = new Float64Array(count);
+    const { model, limits, goal } = this, now = copyOf(this.design), count = now.phi.length;
+    const last = new Float64Array(count);
+    const step = last.map((_, f) => (limits.low[f][0] < limits.high[f].at(-1) ? 0.03 : 0));
+    this.doing = "turning the lamps";
     for (let i = 0; i < 300 && Math.max(...step) > 1e-5; i++) {
-      const at = model.climbing(now);
+      const { value, byCounts } = goal.slopes(model.light.sum(now)), slope = model.along(now, byCounts).phi;
       this.evaluated++;
-      if (at.score > this.score) this.accept(copyOf(now), at.score);
+      if (value > this.value) this.accept(copyOf(now), value);
       const old = now.phi.slice();
       for (let f = 0; f < count; f++) {
-        const agree = at.phi[f] * last[f];
-        if (at.phi[f] === 0) { step[f] = 0; continue; }
+        const agree = slope[f] * last[f];
+        if (slope[f] === 0) { step[f] = 0; continue; }
         step[f] = agree < 0 ? step[f] / 2 : agree > 0 ? Math.min(step[f] * 1.3, 0.2) : step[f];
-        last[f] = agree < 0 ? 0 : at.phi[f];
-        if (agree >= 0) now.phi[f] = limits.nearest(f, old[f] + Math.sign(at.phi[f]) * step[f]);
+        last[f] = agree < 0 ? 0 : slope[f];
+        if (agree >= 0) now.phi[f] = limits.nearest(f, old[f] + Math.sign(slope[f]) * step[f]);
       }
       /* Neighbors that would meet in the holder stay where they were. */
       for (let crowded = limits.crowded(now.phi), n = 0; crowded.size && n < count; n++) {
@@ -152,66 +166,74 @@ class Climb {
 
   /* Directions on steps: one lamp after the other tries the next step on either side. */
   * stepTurns() {
-    const { model, limits } = this;
+    const { model, limits, goal } = this;
+    this.doing = "turning the lamps";
     for (let moved = true; moved;) {
       moved = false;
       for (let f = 0; f < this.design.phi.length; f++) for (const way of [-1, 1]) {
         const next = copyOf(this.design);
         next.phi[f] = limits.nearest(f, Math.min(Math.max(next.phi[f] + way * limits.step, 0), Math.PI));
-        if (limits.crowded(next.phi).size) continue;
-        const { score } = model.rate(model.light.sum(next));
+        if (next.phi[f] === this.design.phi[f] || limits.crowded(next.phi).size) continue;
+        const value = goal.value(model.light.sum(next));
         this.evaluated++;
-        if (score > this.score + 1e-9) { this.accept(next, score); moved = true; }
+        if (this.gains(value, this.value)) { this.accept(next, value); moved = true; }
         yield;
       }
     }
   }
 
-  /* The best change of one lamp, or of two, as long as one helps: to another color, or dark, or lit
-     where it was dark. Dimmed lamps keep their part of the allowed power. */
-  * recolor() {
-    const { model, limits } = this, { light } = model, { cells, channels, response } = light;
-    const choices = [OFF, ...response.keys()], lamps = [...this.fractions.keys()];
-    for (;;) {
-      const counts = Float64Array.from(light.sum(this.design));
-      const colors = Array.from(this.design.phi, (_, f) => colorOf(this.design, f));
-      const moves = lamps.flatMap((f) => choices.filter((c) => c !== colors[f]).map((c) => ({ f, c })));
-      const trial = new Float64Array(counts.length);
-      const change = (out, { f, c }) => {
-        const row = light.rows.subarray(f * light.width, (f + 1) * light.width);
-        for (let k = 0; k < channels; k++) {
-          const lit = c === OFF ? 0 : this.fractions[f] * limits.color[c] * response[c][k];
-          const p = lit - light.gain(this.design.power, f, k), first = light.tint(k);
-          if (p) for (let i = 0; i < cells; i++) out[channels * i + k] += p * row[first + i];
-        }
-      };
-      let best = null, bestScore = this.score + 1e-6;
-      for (let i = 0; i < moves.length; i++) {
-        const single = counts.slice();
-        change(single, moves[i]);
-        for (let j = i; j < moves.length; j++) {
-          if (j > i && moves[j].f === moves[i].f) continue;
-          const made = j > i ? [moves[i], moves[j]] : [moves[i]];
-          const next = colors.slice();
-          for (const { f, c } of made) next[f] = c;
-          if (limits.allows(next)) {
-            trial.set(single);
-            if (j > i) change(trial, moves[j]);
-            const { score } = model.rate(trial);
-            this.evaluated++;
-            if (score > bestScore) [best, bestScore] = [made, score];
-          }
-          yield;
-        }
+  /* The first change of one lamp, or of two, that helps: to another color, or dark, or lit where it was
+     dark. Dimmed lamps keep their part of the allowed power. At most so many are tried, in the order that
+     the slopes foresee; returns whether one helped. */
+  * recolor(most) {
+    const { model, limits, goal } = this, { light } = model, { cells, channels, response } = light;
+    const counts = Float64Array.from(light.sum(this.design)), rows = light.rows.slice();
+    const moves = this.moves(counts), trial = new Float64Array(counts.length);
+    let found = null, best = this.value;
+    for (let i = 0; i < Math.min(moves.length, most); i++) {
+      trial.set(counts);
+      for (const { f, c } of moves[i].changes) for (let k = 0; k < channels; k++) {
+        const lit = c === OFF ? 0 : this.fractions[f] * limits.color[c] * response[c][k];
+        const p = lit - light.gain(this.design.power, f, k), first = f * light.width + light.tint(k);
+        if (p) for (let j = 0; j < cells; j++) trial[channels * j + k] += p * rows[first + j];
       }
-      if (!best) return;
-      const next = copyOf(this.design);
-      for (const { f, c } of best) {
-        powersOf(next, f).fill(0);
-        if (c !== OFF) powersOf(next, f)[c] = this.fractions[f] * limits.color[c];
-      }
-      this.accept(next, model.rate(light.sum(next)).score);
+      const value = goal.value(trial);
+      this.evaluated++;
+      this.doing = `recoloring, ${i + 1} of ${moves.length} changes`;
+      if (this.gains(value, best)) [found, best] = [moves[i], value];
       yield;
+      if (found && (i + 1) % TRIED_AT_ONCE === 0) break;
     }
+    if (!found) return false;
+    const next = copyOf(this.design);
+    for (const { f, c } of found.changes) {
+      powersOf(next, f).fill(0);
+      if (c !== OFF) powersOf(next, f)[c] = this.fractions[f] * limits.color[c];
+    }
+    this.accept(next, goal.value(light.sum(next)));
+    return true;
+  }
+
+  /* Allowed changes of one lamp or two, by the gain that the slopes foresee. */
+  moves(counts) {
+    const { model, limits, design } = this, leds = limits.color.length;
+    const slope = model.along(design, this.goal.slopes(counts).byCounts).power;
+    const colors = Array.from(design.phi, (_, f) => colorOf(design, f));
+    const single = colors.flatMap((old, f) => [OFF, ...limits.color.keys()].filter((c) => c !== old).map((c) => {
+      let foreseen = c === OFF ? 0 : slope[leds * f + c] * this.fractions[f] * limits.color[c];
+      for (let l = 0; l < leds; l++) foreseen -= slope[leds * f + l] * powersOf(design, f)[l];
+      return { f, c, foreseen };
+    }));
+    const found = [];
+    single.forEach((one, i) => {
+      for (const other of [null, ...single.slice(i + 1)]) {
+        if (other && other.f === one.f) continue;
+        const changes = other ? [one, other] : [one], next = colors.slice();
+        for (const { f, c } of changes) next[f] = c;
+        if (!limits.allows(next)) continue;
+        found.push({ changes, foreseen: one.foreseen + (other ? other.foreseen : 0) });
+      }
+    });
+    return found.sort((a, b) => b.foreseen - a.foreseen);
   }
 }

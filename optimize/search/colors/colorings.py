@@ -67,7 +67,15 @@ def ranked(colors: Colors, scores: Array) -> tuple[tuple[tuple[int, ...], float]
 def renamed_like(colors: Colors, reference: Colors, count: int = 3) -> Colors:
     """Return ``colors`` of ``count`` renamed so that most fibers keep their color of ``reference``.
 
-    An assignment problem; of equally good names the first in order are taken. Off stays off.
+    Off stays off.
+    """
+    return np.where(colors == DARK, DARK, names_like(colors, reference, count)[colors])
+
+
+def names_like(colors: Colors, reference: Colors, count: int) -> Colors:
+    """Return the new name of each of ``count`` colors, see `renamed_like`.
+
+    An assignment problem; of equally good names the first in order are taken.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -76,8 +84,7 @@ def renamed_like(colors: Colors, reference: Colors, count: int = 3) -> Colors:
     shared = -0.5 / count * place / np.power(float(count), place)[:, None]
     both = (colors != DARK) & (reference != DARK)
     np.add.at(shared, (colors[both], reference[both]), 1.0)
-    names = linear_sum_assignment(shared, maximize=True)[1]
-    return np.where(colors == DARK, DARK, names[colors])
+    return np.asarray(linear_sum_assignment(shared, maximize=True)[1])
 
 
 def raise_unreachable() -> NoReturn:

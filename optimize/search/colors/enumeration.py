@@ -54,18 +54,20 @@ class Quota:
     Arguments:
         allowed: ``(U, choice)`` which colors each unit may have.
         fibers: ``(U,)`` fibers of each unit.
-        led_counts: ``(choice,)`` LEDs of each color, one for every fiber.
+        led_counts: ``(choice + 1,)`` LEDs of each color, one for every fiber, and of all colors.
+        dark: the choice that is off; None where none is.
     """
 
     allowed: NDArray[np.bool_]
     fibers: Colors
     led_counts: Colors
+    dark: int | None = None
 
     @classmethod
     def open(cls, units: int, choices: int) -> Quota:
         """Return the quota that allows everything."""
         one = np.ones(units, dtype=np.int64)
-        full = np.full(choices, units, dtype=np.int64)
+        full = np.full(choices + 1, units, dtype=np.int64)
         return cls(np.ones((units, choices), dtype=bool), one, full)
 
     @classmethod
@@ -75,7 +77,11 @@ class Quota:
         member = np.arange(fibers) if groups is None else groups
         count = int(member.max()) + 1
         allowed = np.stack([limits.allowed[member == unit].all(axis=0) for unit in range(count)])
-        return cls(allowed, np.bincount(member).astype(np.int64), limits.led_counts)
+        most_lit = fibers if limits.most_lit is None else limits.most_lit
+        led_counts = np.append(limits.led_counts, most_lit)
+        # Off is the last choice, or a choice beyond them.
+        dark = len(limits.palette.names)
+        return cls(allowed, np.bincount(member).astype(np.int64), led_counts, dark)
 
     @property
     def choices(self) -> int:
@@ -99,10 +105,13 @@ class Quota:
         return codes[fits]
 
     def used(self, codes: Colors, start: int, stop: int) -> Colors:
-        """Return fibers per color ``(N, choice)`` of ``codes`` over units ``start`` to ``stop``."""
+        """Return fibers per color ``(N, choice + 1)`` of ``codes``, and how many are lit.
+
+        Codes are those of units ``start`` to ``stop``.
+        """
         chosen, weight = digits(codes, stop - start, self.choices), self.fibers[start:stop]
         used = [((chosen == c) * weight).sum(axis=1) for c in range(self.choices)]
-        return np.stack(used, axis=1)
+        return np.stack([*used, ((chosen != self.dark) * weight).sum(axis=1)], axis=1)
 
 
 class Enumeration:

@@ -40,7 +40,7 @@ def quick_colors(
         # Random preferences make random allowed colorings.
         preferences = rng.uniform(size=(restarts, *limits.allowed.shape))
         random = np.array([limits.nearest_colors(row) for row in preferences])
-        random = random.reshape(restarts, -1)
+        random = random.reshape(restarts, scorer.fibers)
         starts = [colors for colors in starts if limits.fits(colors[None])[0]]
     else:
         random = rng.integers(0, limits.allowed.shape[1], size=(restarts, scorer.fibers))

@@ -1,4 +1,4 @@
-"""What the converged preview knows of its own photon noise, from the halves of its light paths.
+"""What traced light knows of its own photon noise, from the halves of its light paths.
 
 Photons and paths are followed in two halves, each path with its own random numbers. What a half
 finds is an independent estimate from half as many paths: with ``X_a`` and ``X_b`` of the halves,

@@ -23,6 +23,7 @@ from render.scene.colors import OFF
 from render.scene.faces import face_problems, painted_lamp_problems
 from render.scene.lamps import Fibers, ListedLamp, Row
 from render.scene.parts import MIN_BONDED_INDEX
+from render.scene.places.candidates import candidate_problems
 from render.scene.quantities import keys_of_schema_2
 from render.scene.states import REST, site_problems, state_problems
 
@@ -56,10 +57,12 @@ def fitting_problems(scene: Scene) -> list[str]:
     # Where places are wrong, what lies on the skin there says nothing.
     if not placing:
         problems += _embedding_problems(scene) if scene.skin is None else _skin_problems(scene)
+    problems += _search_problems(scene, problems)
     palette = scene.palette
     problems += palette.problems(named=scene.colors is not None)
     if scene.constraints is not None:
-        problems += scene.constraints.problems(palette, scene.lamp_count)
+        most = scene.search.lamps if scene.search is not None else None
+        problems += scene.constraints.problems(palette, scene.lamp_count, most)
     if scene.tolerances is not None and scene.tolerances.sigma_v is not None:
         parts: list[Row | ListedLamp] = [*scene.lamp_rows, *(scene.lamps or ())]
         if all(part.profile.sigma_v is None for part in parts):
@@ -78,6 +81,16 @@ def fitting_problems(scene: Scene) -> list[str]:
     if scene.free is not None:
         problems += scene.free.problems(scene.diffuser.free_values if scene.diffuser else {})
     return problems
+
+
+def _search_problems(scene: Scene, others: list[str]) -> Iterator[str]:
+    """Yield what is wrong with what a search may decide, where the rest of the scene is right."""
+    if scene.search is None:
+        return
+    alone = list(scene.search.problems(scene.constraints, scene.lamp_count))
+    yield from alone
+    if not alone and not others:
+        yield from candidate_problems(scene)
 
 
 def _placing_problems(scene: Scene) -> list[str]:

@@ -35,6 +35,7 @@ from render.scene.lamps import (
     placed_lamps,
 )
 from render.scene.parts import Baseline, Bending, Coating, Diffuser, Indenter, Pad, Sites, Window
+from render.scene.places.search_section import Search
 from render.scene.quantities import Part, since_schema_2, unchecked
 from render.scene.schema.content_hash import content_hash
 from render.scene.schema.fitting import fitting_problems
@@ -89,6 +90,7 @@ class Scene(Part):
         since_schema_2()
     )
     constraints: Constraints | None = None
+    search: Search | None = since_schema_2()
     tolerances: Tolerances | None = None
     free: FreeRanges | None = None
     _written: Written | None = None
@@ -350,7 +352,8 @@ class Scene(Part):
     def hash(self) -> str:
         """16 hex digits that identify the physical content.
 
-        Sources, the name, constraints, tolerances and free ranges change no light and have no part
-        in it; nor has the schema: what both can say has one hash.
+        Sources, the name, constraints, what a search decides, tolerances, free ranges and what a
+        camera makes of its light change no light and have no part in it; nor has the schema: what
+        both can say has one hash.
         """
         return content_hash(self)

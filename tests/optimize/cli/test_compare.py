@@ -1,4 +1,4 @@
-"""``tactilux compare`` reads designs, layouts and runs of one scene, and refuses two scenes."""
+"""``tactilux compare`` reads designs, layouts and runs, of one scene or several."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from optimize.design import Design, baseline_design, save_design
 from optimize.overnight.result import OvernightResult
 from optimize.scoring import search_table
 from optimize.verification import DesignRenders, RenderDesigns
+from render.levels import EFFORTS
 from render.reference import EVERYTHING, SampleAllocation
 from render.scene import Scene, load_scene
 from surrogate.runtime import Checker
@@ -41,6 +42,7 @@ def test_scores_and_differences_for_people_and_programs(
     result = json.loads(done.out)
     assert [entry["name"] for entry in result["designs"]] == ["run", "mine"]
     assert result["level"] == "surrogate"
+    assert result["effort"] in EFFORTS
     (one,) = result["differences"]
     first, second = (entry["score"] for entry in result["designs"])
     assert one["value"] == pytest.approx(second - first)
@@ -75,7 +77,7 @@ def test_renders_of_both_with_common_seeds(
             title: str,
             allocation: SampleAllocation = EVERYTHING,
         ) -> DesignRenders:
-            assert not allocation.untouched
+            assert allocation.untouched  # which readers see
             asked.update(samples=samples, seeds=list(seeds))
             table, rng = search_table(Checker.load(small_model)), np.random.default_rng(1)
             light = np.stack([table.at(design.phi) for design in designs])
@@ -90,7 +92,7 @@ def test_renders_of_both_with_common_seeds(
     assert done.code == 0, done.err
     assert asked == {"checkpoint": files[0] / "compare-renders", "samples": 4, "seeds": [1, 2]}
     result = json.loads(done.out)
-    assert {entry["level"] for entry in result["designs"]} == {"reference"}
+    assert {(e["level"], e["effort"]) for e in result["designs"]} == {("reference", None)}
     low, high = result["differences"][0]["interval"]
     assert low < result["differences"][0]["value"] < high
 
@@ -106,19 +108,45 @@ def test_a_finished_night_stands_for_its_winner(
     assert winner["score"] > baseline["score"]
 
 
-def test_designs_of_two_scenes_are_refused_with_both_hashes(
-    tactilux: Run, files: list[Path], small_scene: Path, tmp_path: Path
+def test_designs_of_two_sensors_are_compared_in_degrees_alone(
+    tactilux: Run, tmp_path: Path
+) -> None:
+    for name in ("digit", "gelsight-flat"):
+        scene = load_scene(name)
+        save_design(tmp_path / f"{name}.json", baseline_design(scene), scene)
+    words = "compare", "digit.json", "gelsight-flat.json"
+    done = tactilux(*words, "--json", "--out", "page.html")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert [one["scene"] for one in result["designs"]] == ["digit", "gelsight-flat"]
+    (one,) = result["differences"]
+    first, second = (entry["reader_error_deg"] for entry in result["designs"])
+    assert one["reader_error_deg"] == pytest.approx(second - first)
+    low, high = one["reader_error_interval"]
+    # Wider than by the draws alone: two models are off independently.
+    assert low < one["reader_error_deg"] < high
+    assert one["better"] == 1
+    assert [one[key] for key in ("value", "interval", "better_in_score", "turned_deg")] == [
+        None
+    ] * 4
+    html = (tmp_path / "page.html").read_text()
+    assert all(load_scene(name).hash in html for name in ("digit", "gelsight-flat"))
+    said = tactilux(*words)
+    assert "B reads better" in said.out
+
+
+def test_one_model_or_scene_does_not_serve_designs_of_two(
+    tactilux: Run, files: list[Path], small_scene: Path, small_model: Path, tmp_path: Path
 ) -> None:
     finger20 = load_scene("finger20")
     save_design(tmp_path / "other.json", baseline_design(finger20), finger20)
-    other = tactilux("compare", files[0], "other.json", "--scene", small_scene)
-    layout = tactilux("compare", files[1], "other.json")
-    for done in (other, layout):
+    for words, said in (
+        (["--scene", small_scene], f"allowed: {load_scene(small_scene).hash}"),
+        (["--model", small_model], "is of one scene, allowed: no --model with designs of 2 scenes"),
+    ):
+        done = tactilux("compare", files[1], "other.json", *words)
         assert (done.code, done.out) == (2, "")
-        (sentence,) = done.err.splitlines()
-        assert "other.json is for scene finger20, hash 68471ad4c129ea4d" in sentence
-        assert load_scene(small_scene).hash in sentence
-        assert "cannot be compared" in sentence
+        assert said in done.err
 
 
 def test_what_cannot_be_compared_raises_one_clear_error(

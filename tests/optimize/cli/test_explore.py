@@ -19,6 +19,7 @@ import pytest
 from optimize.design import keep_scene, load_design, load_design_file
 from optimize.scoring import TableScorer, search_table
 from optimize.ui.output import fresh_directory, write_manifest
+from render.levels import EFFORTS
 from render.preview.converged import Effort, cache
 from render.scene import StandaloneScene, load_scene
 from surrogate.runtime import Checker
@@ -65,6 +66,9 @@ def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored
         "optimized",
         "design",
         "report",
+        "objective",
+        "readings",
+        "proven_best_of",
         "ranking",
         "seconds",
         "warnings",
@@ -74,10 +78,34 @@ def test_it_beats_the_baseline_and_says_so_in_one_json_object(explored: Explored
         low, high = figures["interval"]
         assert low <= figures["score"] <= high
         assert figures["level"] == "surrogate"
+        assert figures["effort"] in EFFORTS
         assert 0.3 < figures["normal_error_deg"] < 20.0
+        assert 0.3 < figures["reader_error_deg"] < 20.0
         spreads = figures["spread_sites"] + figures["spread_bends"]
         assert figures["score"] == pytest.approx(figures["mean"] - spreads, rel=1e-4)
+    assert result["objective"] == "sensor"
+    found, base = result["optimized"], result["baseline"]
+    assert found["reader_error_deg"] < base["reader_error_deg"]
+    gain = result["readings"]["regressor_mean"]
+    assert gain["interval"][1] < 0.0
+    assert gain["design"] == pytest.approx(found["reader_error_deg"])
+    assert gain["baseline"] == pytest.approx(base["reader_error_deg"])
+
+
+def test_a_search_for_the_score_finds_more_of_it(
+    tactilux: Run, explored: Explored, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    command = ("explore", small_scene, "--model", small_model, "--out", tmp_path / "s", "--json")
+    done = tactilux(*command, "--objective", "score")
+    result = json.loads(done.out)
+    assert result["objective"] == "score"
     assert result["optimized"]["score"] > result["baseline"]["score"]
+    assert result["optimized"]["score"] >= explored.result["optimized"]["score"]
+    found, other = result["optimized"], explored.result["optimized"]
+    assert found["reader_error_deg"] >= other["reader_error_deg"] - 0.02
+    refused = tactilux(*command, "--objective", "place", "--robust", "spread")
+    assert refused.code == 2
+    assert "allowed: score" in refused.err
 
 
 def test_the_design_that_it_writes_has_the_score_that_it_claims(
@@ -98,9 +126,9 @@ def test_the_design_that_it_writes_has_the_score_that_it_claims(
 def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explored) -> None:
     assert {item.name for item in (explored.place / "runs").iterdir()} == {"small8-explore"}
     names = {item.name for item in (explored.place / "runs" / "small8-explore").iterdir()}
-    kinds = {"scheme": "svg", "metric": "png", "facets": "png"}
+    kinds = {"scheme": "svg", "metric": "png", "degrees": "png", "facets": "png"}
     pictures = {f"{name}-{stage}.{kind}" for name, kind in kinds.items()
-                for stage in ("baseline", "colors", "optimized")}  # fmt: skip
+                for stage in ("baseline", "score", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json", "scene.toml"}
     texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html"}
@@ -116,7 +144,7 @@ def test_again_with_the_same_seed_it_finds_the_same_design_and_prints_a_table(
     again = tactilux("explore", small_scene, "--model", small_model, "--out", target)
     assert again.code == 0
     assert (target / "design.json").read_bytes() == before
-    for word in ("Baseline", "Colors", "Optimized", "surrogate", "report.html"):
+    for word in ("Baseline", "Best S", "Optimized", "surrogate", "report.html"):
         assert word in again.out
 
 
@@ -173,7 +201,7 @@ def test_the_first_answer_says_how_noisy_its_light_is(
     said = tactilux("explore", scene, "--out", "found")
     assert said.code == 0, said.err
     line = next(line for line in said.err.splitlines() if "First answer" in line)
-    assert re.search(r"baseline \d+\. The preview's light paths leave noise of [0-9.]+%", line)
+    assert re.search(r"baseline \d+\. The traced light paths leave noise of [0-9.]+%", line)
     assert line.endswith("Now for a more exact one")
 
 
@@ -224,13 +252,13 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> dict[str, float]:
     angles = {"first": 1.0, "last": 2.0}
 
     def level(which: str) -> Callable[..., Any]:
-        return lambda *_, **__: SimpleNamespace(level=which, file=None, photon_noise=None)
+        return lambda *_, **__: SimpleNamespace(level_name=which, file=None, photon_noise=None)
 
     def write(
         found: Any, kept: StandaloneScene, target: Path, elapsed: object, *, keep_other: bool
     ) -> dict[str, object]:
         with fresh_directory(target, keep="design.json" if keep_other else "") as folder:
-            design = {"scene_hash": "ab", "angles_deg": [angles[found.level]], "power": [1]}
+            design = {"scene_hash": "ab", "angles_deg": [angles[found.level_name]], "power": [1]}
             (folder / "design.json").write_text(json.dumps(design))
             keep_scene(folder, kept)
             write_manifest(folder, {})

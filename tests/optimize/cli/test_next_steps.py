@@ -54,6 +54,7 @@ def test_every_step_of_a_report_works(tactilux: Run, explored: Path) -> None:
     assert [step[1] for step in steps] == [
         "verify",
         "train",
+        "reconstruct",
         "sensitivity",
         "wiring",
         "hw",

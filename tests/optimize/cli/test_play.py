@@ -37,6 +37,18 @@ def test_a_scene_without_a_model_has_a_page_on_the_preview_which_says_so(
     assert record.score == pytest.approx(scorer.score(base.phi, base.power), abs=0.05)
 
 
+def test_a_page_climbs_what_is_asked_for(tactilux: Run, small_scene: Path, tmp_path: Path) -> None:
+    for asked, title in (("sensor", "Sensor reader"), ("place", "Place reader")):
+        done = tactilux("play", small_scene, "--coarse", "--objective", asked)
+        assert done.code == 0, done.err
+        text = (tmp_path / "small8-play.html").read_text()
+        assert f"--coarse --objective {asked}" in text
+        assert f'<span class="label">{title}</span>' in text
+        baseline, optimum = map(float, re.findall(r"(?:Baseline|Optimum) ([\d.]+)°", text))
+        assert 0.0 < optimum < baseline
+    assert tactilux("play", small_scene, "--objective", "depth").code == 2
+
+
 def test_a_dome_has_a_page(tactilux: Run, tmp_path: Path) -> None:
     done = tactilux("play", "digit-dome", "--coarse")
     assert done.code == 0

@@ -89,13 +89,14 @@ def test_every_kind_of_run_is_listed_with_what_it_said_itself(
     explored, found = rows["runs/small8-explore"], said["explore"]["optimized"]
     assert (explored["score"], explored["interval"]) == (found["score"], found["interval"])
     assert (explored["scene"], explored["level"]) == ("small8", "surrogate")
+    assert explored["effort"] == found["effort"]
     assert explored["scene_hash"] == said["explore"]["scene_hash"]
     assert explored["play"] == "runs/small8-explore/play.html"
 
     (verified,) = (row for row in rows.values() if row["kind"] == "verify")
     assert verified["score"] == said["verify"]["design"]["score"]
     assert verified["interval"] == said["verify"]["design"]["interval"]
-    assert verified["level"] == "reference"
+    assert (verified["level"], verified["effort"]) == ("reference", None)
     assert f"{said['verify']['difference']['value']:+.1f} over the baseline" in verified["note"]
 
     optimized, winner = rows["runs/small8-optimize"], said["optimize"]["finalists"]["winner"]

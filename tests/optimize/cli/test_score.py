@@ -17,6 +17,7 @@ from optimize.design import load_design_file, load_layout
 from optimize.scoring import trained_model
 from render.choose_exposure import scene_scale
 from render.errors import DesignError, ModelError
+from render.levels import EFFORTS
 from render.scene import Scene, load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.runtime import Checker
@@ -44,6 +45,7 @@ def test_colors_and_angles_are_enough(
     for name in ("baseline", "design"):
         part = result[name]
         assert part["level"] == "surrogate"
+        assert part["effort"] in EFFORTS
         assert part["interval"][0] < part["score"] < part["interval"][1]
         assert part["score"] == pytest.approx(
             part["mean"] - part["spread_sites"] - part["spread_bends"], abs=1e-3

@@ -22,10 +22,12 @@ from optimize.design import (
     baseline_design,
     save_design,
 )
+from optimize.readers import RenderedDegrees
 from optimize.scoring import JackknifeEstimate, RenderedScore, model_of_design
 from optimize.verification import Verification
 from render.scene import load_scene
 from surrogate.runtime import Checker
+from tests.optimize.conftest import read_by
 
 Run = Callable[..., Any]
 RATING = Rating("preview", 50.0, (45.0, 55.0), 70.0, 12.0, 8.0, ScoreSettings(1.0, 1.0))
@@ -89,19 +91,31 @@ def said(level: str, clipped: float, folder: Path) -> str:
     """Return what is printed of a design that saturates so many of its facets."""
     parts = {part: JackknifeEstimate(50.0, 50.0, np.array([49.0, 51.0])) for part in PARTS}
     rendered = RenderedScore(parts, clipped, ScoreSettings(1.0, 0.0))
-    found = Verification(rendered, rendered, parts["score"], 47.99, 1.0, (1, 2), 4)
+    errors = [JackknifeEstimate(x, x, np.array([x, x])) for x in (1.7, 1.9, 0.2)]
+    degrees = RenderedDegrees((errors[0], errors[1]), {(0, 1): errors[2]})
+    both = {"sensor": degrees, "place": degrees}
+    found = Verification(rendered, rendered, parts["score"], 47.99, 1.0, (1, 2), 4, both)
     checker = SimpleNamespace(level=level, score_half_width=0.81, coverage=0.9)
     out = io.StringIO()
-    _print(out, folder / "design.json", load_scene("digit"), checker, found, [1.67, 1.93])  # type: ignore[arg-type]
+    _print(
+        out,
+        folder / "design.json",
+        load_scene("digit"),
+        checker,
+        found,
+        [read_by(1.67, (1, 1)), read_by(1.93, (1, 1))],
+    )  # type: ignore[arg-type]
     return out.getvalue()
 
 
-@pytest.mark.parametrize("level", ["converged preview", "preview", "surrogate"])
+@pytest.mark.parametrize("level", ["preview", "surrogate"])
 def test_it_names_what_predicted_the_score(level: str, tmp_path: Path) -> None:
     text = said(level, 0.0, tmp_path)
     assert f"The {level} said 47.99, off by -2.01" in text
     # The better score may read worse: both are said.
     assert f"By the {level} the baseline reads better (1.67° for 1.93°)." in text
+    worse = "The sensor reader reads the design worse than the baseline by more than the error bars"
+    assert f"{worse} (+0.20°, +0.20° to +0.20°)." in text
 
 
 def test_it_says_that_a_design_saturates_the_camera(tmp_path: Path) -> None:

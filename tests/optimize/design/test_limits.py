@@ -16,7 +16,15 @@ from optimize.scoring import TableScorer
 from optimize.search import alternating_search, optimize_directions, refine_locally
 from optimize.search.colors import exact_colors, grouped_colors, quick_colors
 from render.errors import DesignError
-from render.scene import Constraints, FixedFiber, Scene, load_scene, scene_text, unchecked
+from render.scene import (
+    Constraints,
+    FixedFiber,
+    Scene,
+    Search,
+    load_scene,
+    scene_text,
+    unchecked,
+)
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -35,6 +43,55 @@ def limited(
 def best_allowed(scorer: TableScorer, phi: np.ndarray) -> float:
     colors = np.array(list(itertools.product(range(3), repeat=FIBERS)))
     return float(scorer.scores(colors[scorer.limits.fits(colors)], phi).max())
+
+
+def some_lit(most: int, **given: object) -> SearchLimits:
+    """Return limits with off as a choice, of which at most so many are lit."""
+    free = unlimited(FIBERS, off=True)
+    return replace(free, most_lit=most, **given)
+
+
+@pytest.mark.parametrize("most", [1, 3, FIBERS])
+@pytest.mark.parametrize("leds", [(1, 1, 1), (9, 9, 9), (0, 2, 9)])
+def test_searches_light_no_more_than_so_many(
+    make_table: MakeTable, most: int, leds: tuple[int, ...]
+) -> None:
+    limits = some_lit(most, led_counts=np.array([*leds, FIBERS]))
+    scorer = TableScorer(make_table(FIBERS, 5, 2, 3, 5), limits=limits)
+    phi = np.linspace(0.6, 2.4, FIBERS)
+    colors = np.array(list(itertools.product(range(-1, 3), repeat=FIBERS)))
+    fits = (colors >= 0).sum(axis=1) <= most
+    for color, count in enumerate(leds):
+        fits &= (colors == color).sum(axis=1) <= count
+    assert np.array_equal(limits.fits(colors), fits)
+    best = scorer.scores(colors[fits], phi).max()
+    for search in (exact_colors, quick_colors):
+        found = search(scorer, phi)
+        assert found.score == pytest.approx(best, rel=1e-9)
+        assert limits.fits(found.colors[None])[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_nearest_coloring_with_so_many_lit_is_that_of_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    allowed = rng.uniform(size=(FIBERS, 4)) < 0.8
+    allowed[:, -1] = True
+    limits = some_lit(3, led_counts=np.array([1, 2, 2, FIBERS]), allowed=allowed)
+    preference = rng.normal(size=(FIBERS, 4))
+    colors = np.array(list(itertools.product(range(-1, 3), repeat=FIBERS)))
+    colors = colors[limits.fits(colors)]
+    worth = preference[np.arange(FIBERS), colors].sum(axis=1)
+    found = limits.nearest_colors(preference)
+    assert limits.fits(found[None])[0]
+    assert preference[np.arange(FIBERS), found].sum() == pytest.approx(worth.max())
+
+
+def test_a_scene_says_how_many_lamps_may_be_lit() -> None:
+    scene = unchecked(load_scene("finger20"), {"search": Search.model_construct(lamps=5)})
+    limits = limits_of(scene)
+    assert (limits.most_lit, limits.may_be_off, limits.some_stay_off) == (5, True, True)
+    whole = unchecked(scene, {"search": Search.model_construct(lamps=20)})
+    assert not limits_of(whole).may_be_off
 
 
 @pytest.mark.parametrize(

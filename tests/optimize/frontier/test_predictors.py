@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from optimize.frontier.predictors import FEW, FEW_RENDERS, SCALE_TOLERANCE, _few_renders, _Setup
+from optimize.frontier.predictors import FEW, LEARNED, SCALE_TOLERANCE, SETUP, _few_renders, _Setup
 from render.choose_exposure import scene_scale
+from render.files import write_json
 from render.scene import Scene, load_scene, shipped_scenes
 from surrogate.runtime import Checker
 from surrogate.train import TrainConfig
@@ -56,7 +57,7 @@ def few_renders(folder: Path, seed: int, minutes: float) -> tuple[str, float]:
     """Return whose model a command reports as few renders, and its seconds."""
     config = TrainConfig(minutes=minutes)
     made = _few_renders(_Setup(folder, load_scene("finger20")), seed, config, lambda _: None)
-    assert made.level == FEW_RENDERS
+    assert (made.name, made.effort) == (LEARNED, "few renders")
     return str(getattr(made.checker, "request")), made.seconds  # noqa: B009
 
 
@@ -72,6 +73,14 @@ def test_few_renders_are_those_of_the_request_whatever_was_asked_before(
     assert len(trainings) == 5
     few_renders(tmp_path, 0, 2.5)
     assert len(trainings) == 5
+
+
+def test_seconds_that_were_kept_by_names_of_before_are_found(tmp_path: Path) -> None:
+    scene = load_scene("finger20")
+    before = {"preview": 5.0, "preview of few paths": 12.0, "converged preview": 80.0}
+    write_json(tmp_path / SETUP, {"scene_hash": scene.hash, FEW: ""} | before)
+    names = ("preview", "surrogate (few paths)", "surrogate (converged)")
+    assert _Setup(tmp_path, scene).seconds == dict(zip(names, before.values(), strict=True))
 
 
 def test_a_training_that_was_cut_off_leaves_nobodys_few_renders(

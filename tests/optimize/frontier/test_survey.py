@@ -26,8 +26,9 @@ NAMES = ["digit", "gelsight-flat"]
 def row(rung: str, error: float, seconds: float = 1.0, held: float | None = 0.9) -> FrontierRow:
     return FrontierRow(
         facet_median=error, facet_p95=2 * error, facet_rms=error, facet_rms_true=error,
-        score_median=1.0, score_p95=3.0, kendall_tau=0.9, facet_median_true=error, level=rung,
-        rung=rung, seconds_per_design=seconds, setup_seconds=10.0, kendall_tau_interval=(0.8, 1.0),
+        score_median=1.0, score_p95=3.0, kendall_tau=0.9, facet_median_true=error, name=rung,
+        rung=rung, level="reference", effort=None, seconds_per_design=seconds,
+        setup_seconds=10.0, kendall_tau_interval=(0.8, 1.0),
         interval=None if held is None else Interval(held, 2.0),
     )  # fmt: skip
 

@@ -11,8 +11,10 @@ import pytest
 
 from optimize.design import Design, baseline_design
 from optimize.mounting import Feeds, mount, mounting_error_costs, surrogate_score, wiring_csv
+from optimize.placement import searched_scene
+from optimize.report import wiring_context
 from render.geometry import flat_fiber_poses
-from render.scene import Constraints, Scene, unchecked
+from render.scene import Constraints, Scene, load_scene, unchecked
 from surrogate.runtime import Checker
 
 
@@ -48,10 +50,23 @@ def test_leds_channels_and_currents_follow_the_board(finger20: Scene) -> None:
     assert (off.color, off.led, off.channel, off.current_ma) == ("off", 19, None, 0.0)
     assert (dim.color, dim.led, dim.channel, dim.current_ma) == ("red", 18, 3 * 18 + 1, 10.0)
     assert (full.channel, full.current_ma) == (3 * 17 + 1, 20.0)
+    assert [row.level for row in (off, dim, full)] == [0, 128, 255]
     assert sheet.fibers[8].channel == 3 * 11 + 2  # blue
     assert sheet.current == pytest.approx(18 * 20.0 + 10.0)
     plain = mount(finger20, design)
     assert [row.led for row in plain.fibers] == list(range(20))
+
+
+def test_places_without_a_lamp_have_no_row() -> None:
+    scene = searched_scene(load_scene("digit"))
+    colors = np.full(34, -1)
+    colors[[0, 10, 20]] = 0, 1, 2
+    sheet = mount(scene, Design.of_colors(np.full(34, math.pi / 2), colors))
+    # Lamps 1 and 2 are there, and are taken away.
+    assert [row.fiber for row in sheet.fibers] == [0, 1, 2, 10, 20]
+    assert sheet.current == 60.0
+    facts = " ".join(wiring_context(sheet, "design")["facts"])
+    assert "29 places of the search have no lamp" in facts
 
 
 def test_rounding_says_what_it_takes(finger20: Scene, finger20_checker: Checker) -> None:

@@ -97,7 +97,8 @@ def test_a_night_is_followed_to_its_report(
         result = OvernightResult.load(run)
         rows = [row.split("\t") for row in page.locator("#finalists tr").all_inner_texts()]
         assert [row[0] for row in rows] == [entry.title for entry in result.finalists]
-        assert [row[1] for row in rows] == [f"{entry.score:.1f}" for entry in result.finalists]
+        figures = [entry.figure(result.objective).value for entry in result.finalists]
+        assert [row[1] for row in rows] == [f"sensor reader {value:.2f}°" for value in figures]
         best = page.locator("tr.best td").first.inner_text()
         assert best == result.best.title
         assert said(page, "percent") == "100 %"

@@ -46,7 +46,7 @@ def drawn_of(scene: object, entries: Sequence[Finalist]) -> list[tuple[str, byte
 
 def summary(night: OvernightResult) -> list[str]:
     return [
-        *outcome(night.scene, night.finalists, night.winner, night.replicates),
+        *outcome(night.scene, night.finalists, night.winner, night.replicates, night.objective),
         surrogate_sentence(night.finalists, night.winner),
     ]
 
@@ -223,8 +223,8 @@ def test_convergence_shows_every_rendered_design_with_its_error_bar(
     (axes,) = convergence(finished_night).axes
     bars = [part for part in axes.containers if hasattr(part, "has_yerr") and part.has_yerr]
     shown = sorted(float(y) for bar in bars for y in bar.lines[0].get_ydata())
-    assert shown == pytest.approx(sorted(step.score for step in finished_night.steps))
-    best = max(step.score for step in finished_night.steps)
+    assert shown == pytest.approx(sorted(step.value for step in finished_night.steps))
+    best = max(step.value for step in finished_night.steps)
     assert any(np.max(line.get_ydata()) == pytest.approx(best) for line in axes.lines)
 
 
@@ -278,3 +278,37 @@ def test_table_and_sentence_judge_intervals_by_one_rule(
 def test_colors_that_won_nothing_get_no_part_of_the_gain(finished_night: OvernightResult) -> None:
     night = changed(won_by(finished_night, 30.0, 1.0), "colors", gain=-4.0, gain_se=1.0)
     assert not any("came with the colors" in text for text in summary(night))
+
+
+def read_night(night: OvernightResult, gain: float, se: float) -> OvernightResult:
+    """Return the night of a reader, whose winner misses normals by so many degrees more."""
+    figure = night.finalists[0].errors["sensor"]
+    won = replace(figure, value=figure.value + gain, gain=gain, gain_se=se)
+    place = replace(won, value=1.0)
+    night = changed(night, "winner", errors={"sensor": won, "place": place})
+    finalists = tuple(
+        entry if entry.key in {"baseline", "winner"}
+        else replace(entry, errors=dict.fromkeys(("sensor", "place"), replace(figure, value=9.0)))
+        for entry in night.finalists
+    )  # fmt: skip
+    return replace(night, finalists=finalists, objective="sensor")
+
+
+def test_a_night_for_a_reader_is_told_in_degrees(finished_night: OvernightResult) -> None:
+    night = read_night(finished_night, -0.8, 0.05)
+    text = summary(night)
+    assert text[0].startswith(
+        "The sensor reader misses surface normals of the design by 1.40° ± 0.04°, those of the "
+        "baseline by 2.20° ± 0.04°. Rendered with the same seeds, the difference is "
+        "-0.80° (-36%), and its 95% interval reaches from -0.91° to -0.69°."
+    )
+    assert text[1].startswith("The place reader misses 1.00° (2.20° with the baseline) and S is ")
+    assert warnings(night) == []
+    assert "baseline is better" in warnings(read_night(finished_night, 0.8, 0.05))[0]
+    assert "reaches 0" in warnings(read_night(finished_night, -0.08, 0.05))[0]
+    nothing = replace(night, winner="baseline")
+    assert summary(nothing)[0] == (
+        "Nothing that was rendered beats the baseline, read by the sensor reader to 2.20° ± 0.04°."
+    )
+    (axes,) = convergence(night).axes
+    assert axes.get_ylabel() == "sensor reader, deg"

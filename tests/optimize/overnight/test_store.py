@@ -220,7 +220,7 @@ def test_a_run_of_another_version_is_refused(opened: Opener, tmp_path: Path, sce
     db.execute("UPDATE meta SET value = '99' WHERE name = 'schema'")
     db.commit()
     db.close()
-    with pytest.raises(RunError, match="version 99 of the format, this program reads version 6"):
+    with pytest.raises(RunError, match="version 99 of the format, this program reads version 7"):
         Store(tmp_path, request_of(scene), print)
     with pytest.raises(RunError, match="version 99"):
         status_of(tmp_path)

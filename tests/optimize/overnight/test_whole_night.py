@@ -44,7 +44,7 @@ Run = Callable[..., Any]
 def test_the_night_is_complete_and_its_files_load(tiny_night: TinyNight) -> None:
     night = OvernightResult.load(tiny_night.run)
     keys = [entry.key for entry in night.finalists]
-    assert keys == ["baseline", "colors", "thesis", "winner", "runner-up"]
+    assert keys == ["baseline", "score", "thesis", "winner", "runner-up"]
     assert all(np.isfinite(entry.score) and entry.se > 0 for entry in night.finalists)
     assert night.winner in keys
     for entry in night.finalists:
@@ -85,7 +85,7 @@ def test_the_verdict_says_every_sentence_once_and_the_terminal_leaves_it_to_the_
 def test_status_tells_a_program_that_it_is_finished(tactilux: Run, tiny_night: TinyNight) -> None:
     found = json.loads(tactilux("status", tiny_night.run, "--json").out)
     assert found["state"] == "finished"
-    assert found["best"]["level"] == "reference"
+    assert (found["best"]["level"], found["best"]["effort"]) == ("reference", None)
     assert found["evaluations"] == len(list((tiny_night.run / RENDERS).iterdir()))
     assert 0 < found["render_seconds"] < found["seconds"] < 2 * tiny_night.seconds
     assert found["eta_seconds"] is None

@@ -14,11 +14,13 @@ import pytest
 from matplotlib.image import imread
 
 from optimize.design import Design, baseline_design, limits_of
+from optimize.objectives import ReaderName
 from optimize.play import PlayPage, write_play
 from optimize.play.play_page import PHI_NODES
+from optimize.readers import CameraModel
 from optimize.report import encode_srgb
 from optimize.scoring import TableScorer
-from optimize.search import refine_locally
+from optimize.search import ReaderObjective, refine_locally
 from render.chebyshev import chebyshev_nodes
 from render.geometry import bolt
 from render.preview import Preview
@@ -47,7 +49,7 @@ def play(
     chromium: Browser, model: Checker, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Page]:
     path: Path = tmp_path_factory.mktemp("play") / "page.html"
-    write_play(path, PlayPage(SCENE, model, optimum=baseline_design(SCENE)))
+    write_play(path, PlayPage(SCENE, model, optimum=baseline_design(SCENE), objective="score"))
     with opened(chromium, path) as page:
         yield page
 
@@ -69,6 +71,23 @@ def test_scores_are_those_of_the_models_table(play: Page, scorer: TableScorer) -
     )
     assert np.ptp(said) > 10.0
     assert np.abs(np.array(found) - said).max() < 0.1  # of sixteen bits
+
+
+@pytest.mark.parametrize("reader", ["sensor", "place"])
+def test_degrees_are_those_of_the_models_table(
+    play: Page, scorer: TableScorer, reader: ReaderName
+) -> None:
+    rng, goal = (
+        np.random.default_rng(2),
+        ReaderObjective(scorer, SCENE, reader, CameraModel.of(SCENE)),
+    )
+    for _ in range(8):
+        design = Design(rng.uniform(0, np.pi, 2), rng.uniform(0, 1, (2, 3)))
+        said = play.evaluate(
+            "([p, a, reader]) => tactilux.rate(p, a)[reader]",
+            [np.degrees(design.phi).tolist(), design.drive.tolist(), reader],
+        )
+        assert said == pytest.approx(-goal.value(design), rel=1e-3)  # of sixteen bits
 
 
 def test_the_camera_sees_what_the_preview_draws(play: Page, model: Checker) -> None:

@@ -39,7 +39,7 @@ def sensor(
 @pytest.fixture
 def play(chromium: Browser, sensor: tuple[Scene, Checker], tmp_path: Path) -> Iterator[Page]:
     path = tmp_path / "page.html"
-    write_play(path, PlayPage(*sensor))
+    write_play(path, PlayPage(*sensor, objective="score"))
     with opened(chromium, path) as page:
         yield page
 

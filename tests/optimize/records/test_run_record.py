@@ -77,6 +77,25 @@ def test_it_names_the_key_the_value_and_what_is_right(
     assert note in told(tmp_path, "verify", changed(VERIFIED, place, value))
 
 
+@pytest.mark.parametrize(
+    ("kept", "said"),
+    [
+        ({"level": "preview"}, "preview"),
+        ({"level": "converged preview"}, "surrogate (converged)"),
+        ({"level": "surrogate"}, "surrogate"),
+        ({"level": "surrogate", "effort": "table"}, "surrogate (table)"),
+    ],
+)
+def test_pages_of_before_are_read_with_their_effort(
+    tmp_path: Path, kept: dict[str, str], said: str
+) -> None:
+    text = json.dumps(PAGE | kept)
+    path = tmp_path / "page.html"
+    path.write_text(f'<script type="application/json" id="page">{text}</script>')
+    record = read_record("play", path)
+    assert (record.state, record.level_name) == ("finished", said)
+
+
 @pytest.mark.parametrize(("content", "note"), [(b"", "it is empty"), (b"{", "it is not JSON")])
 def test_a_record_that_holds_nothing_is_told_so(tmp_path: Path, content: bytes, note: str) -> None:
     path = tmp_path / "verified-0123456789ab.json"

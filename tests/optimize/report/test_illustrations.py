@@ -14,8 +14,8 @@ from optimize.report import (
     convergence,
     encode_srgb,
     facet_strip,
-    metric_strip,
     png_bytes,
+    site_map,
     wiring_drawing,
 )
 from optimize.search import SearchStep
@@ -29,7 +29,7 @@ def test_srgb_keeps_black_and_white_and_lifts_the_middle() -> None:
 
 def test_every_site_is_written_where_it_lies_on_the_pad(finger20: Scene) -> None:
     metric = np.arange(45.0).reshape(3, 15)
-    figure = metric_strip(finger20, metric, 0.0, 45.0)
+    figure = site_map(finger20, metric, 0.0, 45.0)
     assert [axes.get_title() for axes in figure.axes] == ["bend 0°", "bend 45°", "bend 90°"]
     for axes, values in zip(figure.axes, metric, strict=True):
         written = {text.get_position(): float(text.get_text()) for text in axes.texts}

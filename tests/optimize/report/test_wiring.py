@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import html
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
@@ -61,6 +63,17 @@ def test_numbers_are_told_for_the_edges_that_have_lamps() -> None:
     )
     assert "lamps are numbered down the right edge." in alone
     assert "fiber" not in both + alone
+
+
+def test_a_lamp_below_full_power_has_the_level_that_its_board_is_told() -> None:
+    scene = load_scene("digit")
+    base = baseline_design(scene)
+    dimmed = replace(base, drive=base.drive * np.array([[1.0], [0.37], [1.0]]))
+    contexts = [wiring_context(mount(scene, design), "") for design in (base, dimmed)]
+    colors = [[lamp["color"] for lamp in context["fibers"]] for context in contexts]
+    assert colors == [["blue", "green", "red"], ["blue", "green, 94", "red"]]  # 0.37 of 255
+    told = [any("level" in fact for fact in context["facts"]) for context in contexts]
+    assert told == [False, True]
 
 
 def test_one_type_of_led_is_exchanged_with_none() -> None:

@@ -74,12 +74,17 @@ def test_derivatives_of_the_robust_score_equal_finite_differences(
     sensors, h = PerturbedSensors(scorer, SPREADS, slopes, draws=12, seed=1), 1e-6
     for measure in ("quantile", "spread"):
         goal = RobustScore(sensors, measure)
-        value, slope = goal.gradient(design)
+        value, slope, _ = goal.gradient(design)
         assert value == pytest.approx(goal.value(design), rel=1e-12)
         for fiber in range(FIBERS):
             step = h * np.eye(FIBERS)[fiber]
             up, down = (goal.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
             assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-3, abs=1e-3)
+        dimmed = replace(design, drive=0.5 * design.drive)
+        step = h * (np.arange(design.drive.size).reshape(design.drive.shape) % 3)
+        up, down = (goal.value(replace(dimmed, drive=dimmed.drive + s * step)) for s in (2, 1))
+        by_power = goal.gradient(replace(dimmed, drive=dimmed.drive + 1.5 * step))[2]
+        assert (by_power * step).sum() == pytest.approx(up - down, rel=1e-3)
 
 
 def test_refining_raises_the_robust_score_and_keeps_to_full_power(

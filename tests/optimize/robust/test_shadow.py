@@ -11,7 +11,7 @@ import pytest
 from optimize.design import Design
 from optimize.robust.shadow import PressedCylinder, ShadowPenalty, hidden_fraction
 from optimize.scoring import TableScorer
-from optimize.search import NominalScore, WeightedSum, refine_directions
+from optimize.search import NominalScore, WeightedSum, refine_by
 from render.errors import SceneError, TableError
 from render.geometry import flat_sites
 from render.preview import point_lights
@@ -165,17 +165,20 @@ def test_the_shadow_penalty_has_exact_derivatives_and_lowers_shadows(finger20: S
     )  # fmt: skip
     penalty, h = ShadowPenalty(finger20, table), 1e-6
     design = Design.of_colors(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
-    value, slope = penalty.gradient(design)
+    value, slope, by_power = penalty.gradient(design)
     assert value < 0.0
     for fiber in (0, 9, 15):
         step = h * np.eye(20)[fiber]
         up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
         assert slope[fiber] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)
+    step = h * (1.0 - design.drive)
+    change = penalty.value(replace(design, drive=design.drive + step)) - value
+    assert (by_power * step).sum() == pytest.approx(change, rel=1e-4)
     scorer = TableScorer(table)
     plain = NominalScore(scorer)
-    free = refine_directions(scorer, plain, design).design
+    free = refine_by(scorer, plain, design).design
     goal = WeightedSum((1.0, plain), (5.0, penalty))
-    shaded = refine_directions(scorer, goal, design).design
+    shaded = refine_by(scorer, goal, design).design
     assert penalty.value(shaded) > penalty.value(free)
     with pytest.raises(TableError, match="bend 0"):
         ShadowPenalty(finger20, replace(table, bends=np.ones(1)))
@@ -191,7 +194,7 @@ def test_shadows_of_channels_are_those_of_their_own_light(finger20: Scene) -> No
     )  # fmt: skip
     penalty, h = ShadowPenalty(finger20, table), 1e-6
     design = Design.of_colors(rng.uniform(0.5, 2.5, 20), rng.integers(0, 3, 20))
-    _, slope = penalty.gradient(design)
+    _, slope, _ = penalty.gradient(design)
     step = h * np.eye(20)[9]
     up, down = (penalty.value(replace(design, phi=design.phi + s * step)) for s in (1, -1))
     assert slope[9] == pytest.approx((up - down) / (2 * h), rel=1e-4, abs=1e-6)

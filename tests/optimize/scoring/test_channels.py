@@ -129,8 +129,12 @@ def test_slopes_of_built_sensors_equal_finite_differences(make_table: MakeTable)
     slope = 0.2 * np.random.default_rng(5).standard_normal(scorer.table.T.shape)
     sensors = PerturbedSensors(scorer, SPREADS, {"scattering": slope}, draws=3, seed=1)
     colors, phi, h = [0, 1, 2, 0, 1, 2, 0, 1], np.full(8, 1.2), 1e-6
-    _, found = sensors.gradients(Design.of_colors(phi, colors))
+    design = Design.of_colors(phi, colors)
+    _, found, by_power = sensors.gradients(design)
     for fiber in (0, 5):
         step = h * np.eye(8)[fiber]
         ends = [sensors.scores(Design.of_colors(phi + s * step, colors)) for s in (1, -1)]
         np.testing.assert_allclose(found[:, fiber], (ends[0] - ends[1]) / (2 * h), rtol=1e-3)
+    less = replace(design, drive=(1.0 - h) * design.drive)
+    change = (sensors.scores(design) - sensors.scores(less)) / h
+    np.testing.assert_allclose((by_power * design.power).sum(axis=(1, 2)), change, rtol=1e-3)

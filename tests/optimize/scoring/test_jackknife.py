@@ -127,3 +127,12 @@ def test_common_noise_cancels_in_a_joint_difference() -> None:
 def test_one_replicate_is_refused_because_it_has_no_error_bar() -> None:
     with pytest.raises(RenderError, match="at least 2 seeds"):
         jackknife(mean_minus_spread, CELLS[None])
+
+
+def test_the_difference_of_two_independent_estimates_holds_the_truth_as_often_as_it_says() -> None:
+    rng, hits = np.random.default_rng(4), 0
+    for _ in range(600):
+        one, other = (jackknife(mean_minus_spread, noisy(rng, 8, sigma)) for sigma in (0.1, 0.3))
+        low, high = (one - other).interval()
+        hits += low <= 0.0 <= high
+    assert hits / 600 == pytest.approx(0.95, abs=0.04)

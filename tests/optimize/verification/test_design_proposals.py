@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from optimize.design import Design, baseline_design
+from optimize.design import Design, ScoreSettings, baseline_design
+from optimize.objectives import OBJECTIVES, ObjectiveName
 from optimize.scoring import TableScorer
 from optimize.search.colors import canonical
 from optimize.verification.design_proposals import (
@@ -14,23 +15,29 @@ from optimize.verification.design_proposals import (
     random_design,
     same_design,
 )
-from render.geometry import fiber_edges
+from optimize.verification.judges import judge_of
 from render.scene import Scene
 from render.transport import TransportTable
 
 
-def test_proposals_are_new_and_differ(small: Scene, table: TransportTable) -> None:
+@pytest.mark.parametrize("objective", OBJECTIVES)
+def test_proposals_are_new_and_differ(
+    small: Scene, table: TransportTable, objective: ObjectiveName
+) -> None:
     scorer, base = TableScorer(table), baseline_design(small)
-    first = propose(scorer, base, edges=fiber_edges(small), seed=4)
+    judge = judge_of(objective, small, ScoreSettings(table.exposure, table.lam))
+    first = propose(scorer, base, judge, seed=4)
     assert [entry.role for entry in first] == ["best", "uncertain", "random"]
-    assert all(entry.spread > 0 for entry in first)
-    again = propose(
-        scorer, base, edges=fiber_edges(small), seed=4, known=[entry.design for entry in first]
-    )
+    # How far the surrogate may be off is known for S alone.
+    assert all((entry.spread > 0) == (objective == "score") for entry in first)
+    best, rival, other = (entry.score for entry in first)
+    assert best >= rival
+    assert best > other
+    again = propose(scorer, base, judge, seed=4, known=[entry.design for entry in first])
     assert not again
     twin = first[0].design.colors[::-1]
-    other = first[1].design.colors
-    assert canonical(twin[None]).tolist() != canonical(other[None]).tolist()
+    rival_colors = first[1].design.colors
+    assert canonical(twin[None]).tolist() != canonical(rival_colors[None]).tolist()
     assert not same_design(random_design(scorer, 1), random_design(scorer, 2))
 
 
@@ -38,7 +45,8 @@ def test_the_rival_is_expected_to_gain_more_than_one_that_is_only_uncertain(
     small: Scene, table: TransportTable
 ) -> None:
     scorer, base = TableScorer(table), baseline_design(small)
-    best = propose(scorer, base, edges=fiber_edges(small), seed=4)[0].design
+    judge = judge_of("score", small, ScoreSettings(table.exposure, table.lam))
+    best = propose(scorer, base, judge, seed=4)[0].design
     near = Design(best.phi + np.where(best.phi < 1.6, 0.05, -0.05), best.power)
     far = Design.of_colors(best.phi, np.zeros(small.lamp_count, dtype=np.int64))
     gains = [expected_improvement(scorer, design, best) for design in (near, far, best)]

@@ -48,9 +48,7 @@ def compared(
     rated, replicates = candidate(scene, design), np.stack([baseline_light, design_light], axis=1)
     error = replicates.std(axis=0, ddof=1) / np.sqrt(REPLICATES)
     pair = DesignRenders((rated.baseline, design), replicates, replicates[..., 0], error, 1.0)
-    return paired_comparison(
-        rated.settings, pair, surrogate_score=SURROGATE, seeds=(1, 2), samples=8
-    )
+    return paired_comparison(rated, pair, None, surrogate_score=SURROGATE, seeds=(1, 2), samples=8)
 
 
 def with_noise(scene: Scene, design: Design, sigma: float, brighter: float = 1.0) -> Verification:
@@ -90,7 +88,7 @@ def test_a_clear_gain_decides_nothing_where_few_light_paths_carry_the_light(
     def found(error: np.ndarray) -> Verification:
         pair = DesignRenders((rated.baseline, other), replicates, replicates[..., 0], error, 1.0)
         return paired_comparison(
-            rated.settings, pair, surrogate_score=SURROGATE, seeds=(1, 2), samples=600
+            rated, pair, None, surrogate_score=SURROGATE, seeds=(1, 2), samples=600
         )
 
     assert "is better in S" in found(0.1 * mean).conclusion

@@ -11,7 +11,8 @@ import pytest
 
 from optimize.design import baseline_design
 from optimize.verification import timed_renders
-from optimize.verification.design_renders import FINALISTS, DesignRenders
+from optimize.verification.design_renders import DesignRenders
+from optimize.verification.finalists import FINALISTS
 from optimize.verification.timed_renders import TimedRenders
 from render.progress import OnProgress, Progress
 from render.reference import TimeBudget

@@ -8,12 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optimize.design import Design, baseline_design
+from optimize.design import Design, ScoreSettings, baseline_design
+from optimize.objectives import READERS, ObjectiveName, ReaderName
+from optimize.readers import CameraModel, expected_error
 from optimize.scoring import TableScorer
-from optimize.verification.design_renders import RenderDesigns, evaluate_finalists
+from optimize.verification.design_renders import RenderDesigns
+from optimize.verification.finalists import evaluate_finalists
+from optimize.verification.judges import Judge, judge_of
 from optimize.verification.verification_loop import LoopConfig, VerificationLoop
 from render.chebyshev import interpolation_weights
-from render.geometry import fiber_edges
+from render.metric import superposed
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
@@ -82,6 +86,10 @@ def observed(
     )
 
 
+def judge(scene: Scene, table: TransportTable, objective: ObjectiveName = "score") -> Judge:
+    return judge_of(objective, scene, ScoreSettings(table.exposure, table.lam))
+
+
 class Misled:
     """A refit that has taken noise for light: it brightens whatever points to the base."""
 
@@ -99,7 +107,7 @@ def test_a_refit_that_predicts_worse_is_dropped_and_the_first_optimum_stays(
 ) -> None:
     baseline, render = baseline_design(small), pretended(table, 0.05, strength=0.0)
     amount = LoopConfig(rounds=2)
-    loop = VerificationLoop(table, baseline, render, Misled(), fiber_edges(small), amount)
+    loop = VerificationLoop(judge(small, table), table, baseline, render, Misled(), amount)
     found = loop.run()
     assert len(found.rounds) == 2
     assert loop.misfit > 0.0
@@ -111,18 +119,17 @@ def test_a_refit_that_predicts_worse_is_dropped_and_the_first_optimum_stays(
 def test_noisy_renders_never_replace_a_first_optimum_that_is_right(
     small: Scene, grid: PreviewGrid, table: TransportTable
 ) -> None:
-    refitter, edges, scorer = Refitter(small, grid), fiber_edges(small), TableScorer(table)
+    refitter, scorer = Refitter(small, grid), TableScorer(table)
     baseline, render = baseline_design(small), pretended(table, ROUND_NOISE, strength=0.0)
     for seed in range(3):
-        loop = VerificationLoop(
-            table, baseline, render, refitter, edges, LoopConfig(rounds=1, seed=seed)
-        )
+        amount = LoopConfig(rounds=1, seed=seed)
+        loop = VerificationLoop(judge(small, table), table, baseline, render, refitter, amount)
         found = loop.run()
         finalists = [("winner", found.candidates[0].design)]
         finalists += [("runner-up", entry.design) for entry in found.candidates[1:2]]
         verdict = evaluate_finalists(
             pretended(table, ROUND_NOISE / 2, strength=0.0, seconds=10.0),
-            loop.settings,
+            loop.judge,
             finalists,
             samples=1,
             seeds=[1000 * seed + 900],
@@ -138,9 +145,9 @@ def test_noisy_renders_never_replace_a_first_optimum_that_is_right(
 def test_the_loop_finds_what_the_surrogate_alone_does_not(
     small: Scene, grid: PreviewGrid, table: TransportTable
 ) -> None:
-    baseline, edges = baseline_design(small), fiber_edges(small)
+    baseline, render = baseline_design(small), pretended(table, 0.01)
     refitter, amount = Refitter(small, grid), LoopConfig(samples=5, rounds=3)
-    loop = VerificationLoop(table, baseline, pretended(table, 0.01), refitter, edges, amount)
+    loop = VerificationLoop(judge(small, table), table, baseline, render, refitter, amount)
     found = loop.run()
     truth = replace(table, T=table.T * biased(table.phi, BASE)[:, None, None, None])
     scorer, alone = TableScorer(truth), found.rounds[0].proposals[1]
@@ -162,7 +169,32 @@ def test_a_right_surrogate_needs_no_second_round(
 ) -> None:
     refitter, amount = Refitter(small, grid), LoopConfig(samples=5, rounds=4)
     baseline, render = baseline_design(small), pretended(table, 0.003, strength=0.0)
-    found = VerificationLoop(table, baseline, render, refitter, fiber_edges(small), amount).run()
+    loop = VerificationLoop(judge(small, table), table, baseline, render, refitter, amount)
+    found = loop.run()
     assert len(found.rounds) == 1
     assert found.rounds[0].agreement.tau == 1.0
     assert "nothing better" in found.reason
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_loop_for_a_reader_finds_what_it_reads_best(
+    small: Scene, grid: PreviewGrid, table: TransportTable, reader: ReaderName
+) -> None:
+    baseline, render = baseline_design(small), pretended(table, 0.01, strength=0.0)
+    refitter, amount = Refitter(small, grid), LoopConfig(samples=5, rounds=2)
+    decides = judge(small, table, reader)
+    found = VerificationLoop(decides, table, baseline, render, refitter, amount).run()
+    expected = expected_error(reader, small, CameraModel())
+
+    def error(design: Design) -> float:
+        """Return the degrees of the table itself, without noise."""
+        weights = interpolation_weights(table.phi, design.phi)
+        pad = np.einsum("fj,fjbs->fbs", weights, table.background)
+        light = np.concatenate([table.at(design.phi), pad[..., None]], axis=-1)
+        return float(expected.degrees(table.exposure * superposed(light, design.power)[None])[0])
+
+    first = found.rounds[0]
+    assert error(found.candidates[0].design) < error(baseline)
+    for proposal, value in zip(first.proposals, first.values, strict=True):
+        assert -proposal.score == pytest.approx(error(proposal.design), rel=1e-6)
+        assert -value.value == pytest.approx(error(proposal.design), abs=4 * value.se + 0.01)

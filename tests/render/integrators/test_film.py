@@ -38,11 +38,18 @@ def test_samples_that_count_for_one_pixel_make_the_picture_that_mitsubas_filter_
     block.put(mono.Point2f(x + 2, y), [value, value, value, one + dr.zeros(mono.Float, SAMPLES)])
     held.put_block(block)
     truth = np.array(held.develop())[..., 0]
-    # ---- Ours ----
-    pixel, weight = PixelFilter(held).pixel(mono.Point2f(x, y), mono.Float(number))
-    sums = np.bincount(np.array(pixel), np.array(value * weight, dtype=np.float64), minlength=30)
-    np.testing.assert_allclose(sums.reshape(5, 6) * 30 / SAMPLES, truth, rtol=0.03)
-    assert sums.sum() * 30 / SAMPLES == pytest.approx(truth.sum(), rel=5e-3)
+    # ---- Ours: the same samples once more, in reverse, as the other sample of each lane ----
+    places, numbers = [], []
+    for order in (1, -1):
+        there = np.ascontiguousarray(np.stack([x, y, number])[:, ::order])
+        places.append(mono.Point2f(there[0], there[1]))
+        numbers.append(mono.Float(there[2]))
+    values = np.array(value, dtype=np.float64)
+    found = PixelFilter(held).pixels(places, numbers)
+    for order, (pixel, weight) in zip((1, -1), found, strict=True):
+        sums = np.bincount(np.array(pixel), values[::order] * np.array(weight), minlength=30)
+        np.testing.assert_allclose(sums.reshape(5, 6) * 30 / SAMPLES, truth, rtol=0.03)
+        assert sums.sum() * 30 / SAMPLES == pytest.approx(truth.sum(), rel=5e-3)
 
 
 @pytest.mark.parametrize("size", ["float16", "float32"])

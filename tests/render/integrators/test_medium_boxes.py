@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from render.integrators.medium_boxes import MediumBoxes
-from render.paths.connect import trace_to_surface
+from render.paths.connect import optical_depth, trace_to_surface
 from render.paths.vertex import empty_vertex
 from tests.validation.test_slab_reference import lamp, slab
 
@@ -53,6 +53,28 @@ def test_in_a_layer_it_is_what_a_ray_to_the_end_of_the_layer_says(
     expected = np.exp(-np.minimum(np.array(depth[0]), 4.0))
     assert (expected > np.exp(-3.99)).mean() > 0.5
     np.testing.assert_allclose(found, expected, rtol=1e-3)
+
+
+def test_without_null_boundaries_one_ray_says_what_is_in_the_way(mono: ModuleType) -> None:
+    from render.integrators.emitters import Emission
+    from tests.render.integrators.test_mirror_connections import lit
+
+    scene = lit(mono, {"sigma_t": 1.0, "albedo": 0.9, "phase": {"type": "hg", "g": 0.5}})
+    assert not Emission(scene).nulls
+    inside = next(s.interior_medium() for s in scene.shapes() if s.interior_medium() is not None)
+    ends = []
+    for seed in range(2):
+        v = vertices(mono, mono.MediumPtr(inside))
+        places = np.random.default_rng(seed).random((3, COUNT)) * 3.0 - 1.5
+        v.p = mono.Point3f(places.astype(np.float32))
+        ends.append(v)
+    active = dr.full(mono.Bool, True, COUNT)
+    by_steps, by_one = (optical_depth(scene, *ends, active, nulls) for nulls in (True, False))
+    clear = np.array(by_steps[1])
+    np.testing.assert_array_equal(clear, np.array(by_one[1]))
+    assert 0.1 < clear.mean() < 0.9
+    depths = [np.array(depth[0])[clear] for depth, _ in (by_steps, by_one)]
+    np.testing.assert_allclose(*depths, rtol=1e-6)
 
 
 def test_it_ends_at_a_point_that_is_nearer_and_is_never_0(mono: ModuleType, scene: Any) -> None:

@@ -161,8 +161,8 @@ def test_pictures_with_mirror_connections_and_shared_light_subpaths_equal_those_
     runs = []
     for seed, mirrored in enumerate((True, False)):
         sampler = FilmSampler(scene, scene.sensors()[0], PathLimits(max_depth=12))
-        assert sampler.mirrors is not None
-        sampler.mirrors = sampler.mirrors if mirrored else None
+        assert sampler.tracer.mirrors is not None
+        sampler.tracer.mirrors = sampler.tracer.mirrors if mirrored else None
         # Those with mirrors share light subpaths as well; the others have each lane to itself.
         sampler = sampler.sharing(lanes, 16, 8) if mirrored else sampler
         runs.append(

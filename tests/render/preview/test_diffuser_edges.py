@@ -56,7 +56,7 @@ def drawn(scene: Scene) -> np.ndarray:
 
 
 def converged(scene: Scene) -> np.ndarray:
-    """Return the same of the converged preview."""
+    """Return the same of traced light."""
     clock = Clock(task_count(scene, EFFORT), None)
     bend = scene.bending.angles[0]
     cells = transport_at(scene, bend, np.array([np.pi / 2]), EFFORT, clock).cells

@@ -165,7 +165,7 @@ def test_a_chain_remembers_the_path_that_it_stands_on(
             if within < self.block:
                 slot = self.first + path * self.block + within
                 return tuple(mono.Float(array[slot]) for array in memory)
-            return hashed(chains.tail ^ self.salt, mono.UInt32(index))
+            return hashed((chains.tail ^ self.salt, index))[0]
 
     camera, _, light = chains.sampler.stored
     splats = chains.sampler.evaluate(

@@ -7,7 +7,7 @@ from types import ModuleType
 import drjit as dr
 import numpy as np
 
-from render.sampling.streams import HashedStream, hashed, uniform
+from render.sampling.streams import ROUNDS, HashedStream, hashed, tea, uniform
 
 
 def test_even_the_largest_bits_stay_below_one(mono: ModuleType) -> None:
@@ -21,7 +21,8 @@ def test_hashed_numbers_are_uniform_and_uncorrelated_over_streams_and_events(
 ) -> None:
     count = 1 << 16
     lanes = mono.UInt32(np.arange(count, dtype=np.uint32))
-    drawn = [number for event in (0, 1, 7) for number in hashed(lanes, mono.UInt32(event))]
+    events = [(lanes, mono.UInt32(event)) for event in (0, 1, 7)]
+    drawn = [number for numbers in hashed(*events) for number in numbers]
     dr.eval(drawn)
     numbers = np.array([np.array(number) for number in drawn])
     assert numbers.min() >= 0.0
@@ -32,6 +33,13 @@ def test_hashed_numbers_are_uniform_and_uncorrelated_over_streams_and_events(
         assert chi2 < 63 + 4 * np.sqrt(2 * 63)
     correlation = np.corrcoef(numbers) - np.eye(len(numbers))
     assert np.abs(correlation).max() < 5 / np.sqrt(count)
+
+
+def test_the_hash_is_mitsubas_own(mono: ModuleType) -> None:
+    rng = np.random.default_rng(1)
+    words = [mono.UInt32(rng.integers(0, 1 << 32, 1000, dtype=np.uint32)) for _ in range(4)]
+    truth = [*mono.sample_tea_32(*words[:2], ROUNDS), *mono.sample_tea_32(*words[2:], ROUNDS)]
+    np.testing.assert_array_equal([np.array(x) for x in tea(words)], [np.array(x) for x in truth])
 
 
 def test_a_stream_gives_the_same_numbers_for_an_event_however_often_it_is_asked(

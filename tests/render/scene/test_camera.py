@@ -108,3 +108,31 @@ def test_the_widest_view_depends_on_the_lens(tmp_path: Path) -> None:
     too_wide = wide.replace("200.0", "299.9") + 'lens = "fisheye"\ncolumns = 600\n'
     with pytest.raises(SceneError, match=r"deg from the axis, allowed: at most 247\.5 deg"):
         loaded(tmp_path, too_wide, old=old + "columns = 360\n")
+
+
+def test_what_a_camera_makes_of_its_light_leaves_the_hash_and_travels_with_the_scene(
+    tmp_path: Path,
+) -> None:
+    noisy = OLD + (
+        'read_noise = { value = 2.0, unit = "counts", source = "data sheet" }\n'
+        'gains = { value = [1.0, 4.0], source = "driver" }\nbits = 10\n'
+    )
+    plain, scene = loaded(tmp_path, OLD), loaded(tmp_path, noisy)
+    assert scene.hash == plain.hash
+    assert (scene.camera.read_noise, scene.camera.gains, scene.camera.bits) == (2.0, (1.0, 4.0), 10)
+    assert scene_of(scene_content(scene)).camera == scene.camera
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ('read_noise = { value = -1.0, unit = "counts", source = "x" }\n', "camera.read_noise"),
+        ('full_well = { value = 5.0, unit = "electrons", source = "x" }\n', "camera.full_well"),
+        ("bits = 40\n", "camera.bits"),
+        ('gains = { value = [0.5], source = "x" }\n', "camera.gains"),
+    ],
+)
+def test_a_camera_that_no_one_has_is_one_sentence(tmp_path: Path, words: str, said: str) -> None:
+    text = refusal(tmp_path, OLD + words)
+    assert said in text
+    assert "allowed: " in text

@@ -112,7 +112,11 @@ def test_the_metadata_describe_the_model(
     assert about.bounds["bend"] == [0.0, pytest.approx(math.pi / 2)]
     assert about.conformal["coverage"] == 0.9
     assert len(about.training_data_hash) == 64
-    assert {row["level"] for row in about.held_out} >= {"preview", "ridge", "network"}
+    placed = {row["name"]: (row["level"], row["effort"]) for row in about.held_out}
+    assert placed["noise of the reference"] == ("reference", None)
+    assert placed["preview"] == ("preview", None)
+    assert placed["ridge"] == ("surrogate", "ridge")
+    assert placed["network"] == ("surrogate", "network")
 
 
 @pytest.mark.parametrize("name", INPUTS)

@@ -176,7 +176,7 @@ def test_the_residual_follows_the_material_and_is_examined_on_unseen_ones(sensor
         sensor, grid, cells, exposure=1e5, lam=10.0, bends=np.array([0]), seed=0, config=config
     )
     fit = fit_residual(task, lambda *_: None)
-    levels = {row.level: row.facet_rms_true for row in (*fit.levels, *fit.splits)}
+    levels = {row.name: row.facet_rms_true for row in (*fit.levels, *fit.splits)}
     assert levels[fit.kind] < 0.1 * levels["preview"]
     assert levels["unseen material"] < 0.5 * levels["preview"]
 

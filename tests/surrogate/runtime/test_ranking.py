@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from surrogate.runtime import ModelMetadata, RankingTest
+from surrogate.runtime.metadata import NOISE, held_out_row
 from surrogate.train import Trained
 from surrogate.training.evaluation import kendall_tau
 
@@ -17,8 +18,10 @@ from surrogate.training.evaluation import kendall_tau
 def described(about: ModelMetadata, tau: float, noise_tau: float) -> ModelMetadata:
     """Return ``about`` with other rankings of held-out designs, and a render of 6 minutes."""
     kind = str(about.residual["kind"])
-    rows = [{"level": "noise of the reference", "kendall_tau": noise_tau},
-            {"level": kind, "kendall_tau": tau}]  # fmt: skip
+    rows = [
+        held_out_row({"name": NOISE, "kendall_tau": noise_tau}, None, kind),
+        held_out_row({"name": kind, "kendall_tau": tau}, None, kind),
+    ]
     return replace(about, held_out=rows, renderer={"samples_per_cell": 200, "seconds": 360.0})
 
 
@@ -30,7 +33,7 @@ def test_a_good_model_gives_no_advice(trained: Trained) -> None:
 
 def test_a_model_without_a_residual_ranks_as_its_preview(trained: Trained) -> None:
     about = described(trained.metadata, 0.4, 0.6)
-    rows = [*about.held_out, {"level": "preview", "kendall_tau": 0.7}]
+    rows = [*about.held_out, held_out_row({"name": "preview", "kendall_tau": 0.7}, None, "none")]
     bare = replace(about, held_out=rows, residual=about.residual | {"kind": "none"})
     assert RankingTest.of(bare).tau == 0.7
 

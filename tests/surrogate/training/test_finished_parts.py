@@ -114,7 +114,7 @@ def test_a_fit_that_is_ended_after_every_part_ends_bit_equal(
     assert_equal(found, wanted)
     # Nothing was made twice.
     assert len(saved) == len(set(saved)) > 10
-    assert {"networks-300", "ridge-0.01", "errors-ridge", "errors-network-300"} <= set(saved)
+    assert {"networks-300", "ridge-0.01", "held-out-ridge", "held-out-network-300"} <= set(saved)
 
 
 @pytest.mark.slow

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from render.levels import TABLE
 from render.scene import load_scene, unchecked
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid, draw_grid, is_one_node
-from surrogate.runtime.metadata import NONE, TABLE
+from surrogate.runtime.metadata import NONE
 from surrogate.training.dataset import training_cells
 from surrogate.training.fit import Fit
 from surrogate.training.fit_table import fit_table
@@ -109,7 +110,7 @@ def test_half_the_renders_cannot_tell_the_preview_s_rank_from_the_whole_s(
     tau = {}
     for noise in (0.002, 0.3):
         fit, *_ = fitted(drawn, off=0.3, noise=noise)
-        tau[noise] = {row.level: row.kendall_tau for row in fit.levels}
+        tau[noise] = {row.name: row.kendall_tau for row in fit.levels}
     assert tau[0.002][TABLE] > 0.97
     assert tau[0.3].get(TABLE, 0.0) < tau[0.002][TABLE]
 

@@ -80,9 +80,9 @@ def test_noise_that_neighboring_cells_share_is_not_taken_for_light(
     fit = fit_residual(task, None)
     assert fit.kind == NONE
     assert fit.splits == ()
-    assert [row.level for row in fit.levels][-1] == "ridge"
+    assert [row.name for row in fit.levels][-1] == "ridge"
     # Held-out cells of the same render take the noise for light.
-    levels = {row.level: row.facet_rms for row in fit.levels}
+    levels = {row.name: row.facet_rms for row in fit.levels}
     assert levels["ridge"] < 0.9 * levels["preview"]
     with torch.no_grad():
         np.testing.assert_array_equal(task.residuals(fit.residual), 0.0)
@@ -133,7 +133,7 @@ def test_a_residual_that_makes_held_out_designs_worse_is_not_kept(
         lambda *given: replace(fit_ensembles(*given), kind="ridge"),
     )
     fit = fit_residual(task, None)
-    levels = {row.level: row.facet_rms for row in fit.levels}
+    levels = {row.name: row.facet_rms for row in fit.levels}
     assert levels["ridge"] > levels["preview"]
     assert fit.kind == NONE
 

@@ -1,4 +1,4 @@
-"""The photon noise that the converged preview says of itself, against runs with other seeds."""
+"""The photon noise that converged light says of itself, against runs with other seeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many directions the converged preview of turning lamps has."""
+"""How many directions traced light of turning lamps has."""
 
 from __future__ import annotations
 

@@ -1,0 +1,5 @@
+"""Where lamps sit: scenes that list the places to choose from, and the sensor that a design is."""
+
+from optimize.placement.built_scene import built_scene, unsaid_powers
+from optimize.placement.moved_lamps import moved_lamps, moved_sentence
+from optimize.placement.searched_scene import PLACES, searched_scene

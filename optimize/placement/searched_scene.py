@@ -1,0 +1,129 @@
+"""The scene that a placement search works on: its own lamps, and one that is off on every place.
+
+The scene's own lamps keep their numbers, so that its baseline is the same design, and a lamp that
+is off changes no light: it hides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import tomlkit
+
+from render.errors import SceneError
+from render.scene import OFF, RGB, Scene
+from render.scene.places import MOST_CANDIDATES, CandidateLamp, candidates_on, usual_rails
+from render.scene.scene_file import scene_from_text, written_of
+from render.scene.schema.toml_document import (
+    body_of,
+    in_line,
+    lamp_table,
+    listed_document,
+    table_of,
+    text_of,
+)
+
+PLACES = "-places"
+"""What the name of a scene ends with whose places are listed."""
+LONGEST_NAME = 64
+
+
+def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None) -> Scene:
+    """Return the scene of all designs that may be chosen, with a file of its own.
+
+    Arguments:
+        scene: the sensor; what its ``[search]`` says is kept to.
+        place: whether lamps may sit elsewhere: on its rails, or else along every edge that holds
+            lamps of its kind.
+        lamps: at most so many lit; where no places are searched all colors stay free. By default
+            as many as the scene says, or the baseline lights.
+
+    Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
+    its constraints say how many, or more lamps may be lit than the baseline lights.
+
+    Raises:
+        SceneError: the scene has no file, no place is left, or so many lamps cannot be.
+    """
+    rails = scene.search.places if scene.search is not None else ()
+    candidates = _candidates(scene, rails or usual_rails(scene)) if place else ()
+    lit = [color for color in scene.baseline_colors() if color != OFF]
+    said = scene.search.lamps if scene.search is not None else None
+    most = lamps if lamps is not None else said if said is not None else len(lit)
+    count = scene.lamp_count + len(candidates)
+    if not 1 <= most <= count:
+        raise SceneError(
+            f"{'search.lamps' if lamps is None else 'lamps'} = {most}, allowed: 1 to {count}, as "
+            f"many as {scene.name} has{' with its places' * bool(candidates)}",
+            field="search.lamps" if lamps is None else "lamps",
+            option="" if lamps is None else "--lamps",
+        )
+    document = listed_document(scene)
+    if candidates:
+        _add_lamps(document, scene, candidates)
+        _limit_colors(document, scene, lit, most)
+        name = scene.name.removesuffix(PLACES)[: LONGEST_NAME - len(PLACES)] + PLACES
+        document["name"] = name
+    search = table_of(document, "search")
+    search["lamps"] = most
+    search.pop("places", None)
+    folder = written_of(scene).folder
+    return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
+
+
+def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]:
+    found = candidates_on(scene, rails)
+    if not found:
+        raise SceneError(
+            f"{scene.name} has no place for a lamp along its edges that is not taken, allowed: "
+            "[[search.places]] in its file that name where lamps may sit",
+            field="search.places",
+        )
+    if len(found) > MOST_CANDIDATES:
+        raise SceneError(
+            f"the edges of {scene.name} have {len(found)} places, allowed: at most "
+            f"{MOST_CANDIDATES}; name [[search.places]] with a larger pitch in its file",
+            field="search.places",
+        )
+    return found
+
+
+def _add_lamps(
+    document: tomlkit.TOMLDocument, scene: Scene, candidates: Sequence[CandidateLamp]
+) -> None:
+    """List a lamp on every place, and leave it off in the baseline."""
+    placed = scene.placed_lamps()
+    lamps = document["lamps"] if "lamps" in document else tomlkit.aot()
+    for candidate in candidates:
+        source = (
+            f"searched: a place on the {candidate.edge} edge, like lamp {candidate.like} of "
+            f"{scene.name}"
+        )
+        lamp = {
+            "position": {"value": candidate.position.tolist(), "unit": "mm", "source": source},
+            "direction": {"value": candidate.direction.tolist(), "source": source},
+            **body_of(document, placed[candidate.like].key),
+        }
+        lamps.append(lamp_table(lamp))
+    document["lamps"] = lamps
+    baseline = table_of(document, "baseline")
+    colors = [*(scene.baseline.lamps or ()), *(OFF for _ in candidates)]
+    baseline["lamps"] = in_line(colors)
+
+
+def _limit_colors(
+    document: tomlkit.TOMLDocument, scene: Scene, lit: Sequence[str], most: int
+) -> None:
+    """Say that lamps may be off, and how many of each color there are."""
+    constraints, given = table_of(document, "constraints"), scene.constraints
+    constraints["off"] = True
+    names = scene.palette.names
+    counted = given is not None and any(given.of_color(name).max is not None for name in names)
+    if counted or most > len(lit):
+        return
+    for name in names:
+        if name in RGB.names and not (given and given.colors and name in given.colors):
+            constraints[f"max_{name}"] = lit.count(name)
+        else:
+            colors = constraints.setdefault("colors", tomlkit.table())
+            colors.setdefault(name, tomlkit.inline_table())["max"] = lit.count(name)

@@ -1,0 +1,76 @@
+"""What the closed forms of both readers share: degrees at each design's own exposure."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import TYPE_CHECKING
+
+from optimize.design import Array
+from optimize.readers.camera_model import FULL_SCALE, CameraModel
+from render.scene import Scene
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Return a context in which BLAS uses one thread.
+
+    On matrices this small its threads wait for each other: five times as long where other programs
+    run, and the order of their sums is not the same everywhere.
+    """
+    return _blas().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
+
+
+class ExpectedError(ABC):
+    """A reader's expected error on one scene, in degrees, smooth in the colors."""
+
+    camera: CameraModel
+
+    @abstractmethod
+    def __init__(self, scene: Scene, camera: CameraModel) -> None:
+        """Lay out the normals that are read, the same for every design."""
+
+    @abstractmethod
+    def exposed_degrees(self, colors: Array, gain: Array) -> Array:
+        """Return the errors ``(N,)`` of ``colors`` ``(N, B, S, facet + 1, C)`` and ``gain`` (N,).
+
+        ``colors`` are exposed counts of facets and untouched pad, not clipped.
+        """
+
+    @abstractmethod
+    def exposed_slopes(self, colors: Array, gain: Array) -> tuple[Array, Array, Array]:
+        """Return `exposed_degrees` and derivatives by ``colors``, of its shape, and ``gain``."""
+
+    def degrees(self, counts: Array) -> Array:
+        """Return the errors ``(N,)`` of ``counts`` ``(N, B, S, facet + 1, C)``.
+
+        They are counts at the scene's exposure, not clipped; each design takes its own.
+        """
+        factor, gain, _ = self.camera.exposed(counts.reshape(len(counts), -1))
+        with one_thread():
+            return self.exposed_degrees(counts * factor[:, None, None, None, None], gain)
+
+    def slopes(self, counts: Array) -> tuple[float, Array]:
+        """Return the error of one design and its derivatives, of the shape of ``counts``."""
+        factor, gain, decides = self.camera.exposed(counts.reshape(1, -1))
+        with one_thread():
+            degrees, by_exposed, by_gain = self.exposed_slopes(factor[0] * counts[None], gain)
+        by_factor = float((by_exposed[0] * counts).sum())
+        if gain[0] > 1.0 and not self.camera.gains:
+            by_factor += float(by_gain[0]) / self.camera.longest_exposure
+        by_counts = factor[0] * by_exposed[0]
+        # The exposure is 255 over the count that decides it, unless the camera cannot reach it.
+        brightest = counts.flat[decides[0]]
+        if brightest > 0.0 and factor[0] * brightest > (1.0 - 1e-9) * FULL_SCALE:
+            by_counts.flat[decides[0]] -= by_factor * factor[0] / brightest
+        return float(degrees[0]), by_counts

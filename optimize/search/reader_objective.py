@@ -1,0 +1,161 @@
+"""Degrees of a reader as an objective: on a transport table, at each design's own exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from optimize.design import Array, Design, ScoredDesign
+from optimize.objectives import ReaderName
+from optimize.readers import CameraModel, expected_error
+from optimize.scoring import TableScorer
+from optimize.search.colors.all_colorings import all_colorings
+from optimize.search.colors.colorings import names_like
+from optimize.search.local_refinement import Objective, multi_start
+from render.chebyshev import differentiation_matrix, interpolation_weights
+from render.progress import Clock, OnProgress
+from render.scene import Scene
+
+RANDOM, KEPT = 96, 3
+"""Random colorings that are read, and the best of them, from which a search starts."""
+MOST_PROVEN = 20_000
+"""Designs of a class that is read as a whole, in some 15 s; of larger ones the best is searched."""
+BLOCK = 256
+"""Designs of such a class that are read between two looks at the clock."""
+AT_ONCE = 2
+"""Designs per call: their readers' matrices then stay in the cache."""
+
+
+class ReaderObjective(Objective):
+    """Minus the expected error of a reader in degrees: what a search maximizes."""
+
+    def __init__(
+        self, scorer: TableScorer, scene: Scene, reader: ReaderName, camera: CameraModel
+    ) -> None:
+        """Take the table of ``scorer``, which knows the untouched pad, and a ``reader`` of it.
+
+        Raises:
+            TableError: the table has no background.
+        """
+        table = scorer.table
+        self.camera = camera
+        self._error = expected_error(reader, scene, camera)
+        exposed = table.exposure * table.with_pad
+        self._cells = exposed.shape[2:5]
+        self._tinted = "c" if table.by_channel else ""
+        self._nodes = table.phi
+        self._table = exposed.reshape(*exposed.shape[:2], -1)
+        self._slopes = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._table)
+
+    def values(self, designs: Sequence[Design]) -> Array:
+        """Return minus the expected errors ``(N,)`` in degrees."""
+        found, known, light = np.empty(len(designs)), None, np.empty(0)
+        for start in range(0, len(designs), AT_ONCE):
+            counts = []
+            for design in designs[start : start + AT_ONCE]:
+                if known is None or not np.array_equal(design.phi, known):
+                    known, light = design.phi, self._at(self._table, design.phi)
+                counts.append(self._superposed(light, design.power))
+            found[start : start + len(counts)] = -self._error.degrees(np.stack(counts))
+        return found
+
+    def gradient(self, design: Design) -> tuple[float, Array, Array]:
+        """Return the value and its derivatives by directions ``(F,)`` and power ``(F, C)``."""
+        light, turned = (self._at(table, design.phi) for table in (self._table, self._slopes))
+        counts = self._superposed(light, design.power)
+        degrees, by_counts = self._error.slopes(counts)
+        by_light = np.einsum(f"bskc,fc->fbsk{self._tinted}", by_counts, design.power)
+        by_power = np.einsum(f"bskc,fbsk{self._tinted}->fc", by_counts, light)
+        by_phi = (by_light * turned).reshape(len(turned), -1).sum(axis=1)
+        return -degrees, -by_phi, -by_power
+
+    def _at(self, table: Array, phi: Array) -> Array:
+        """Return ``table`` at ``phi`` ``(F,)`` rad, ``(F, B, S, facet + 1[, C])``."""
+        found = interpolation_weights(self._nodes, phi)[:, None] @ table
+        channels = (-1,) if self._tinted else ()
+        return np.asarray(found.reshape(len(phi), *self._cells, *channels))
+
+    def _superposed(self, light: Array, power: Array) -> Array:
+        """Return counts ``(B, S, facet + 1, C)`` at the scene's exposure, not clipped."""
+        lit = np.maximum(light, 0.0)
+        if self._tinted:
+            return np.asarray(np.einsum("fbskc,fc->bskc", lit, power), dtype=np.float64)
+        return np.asarray(np.tensordot(lit, power, (0, 0)), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class ReaderOptimum(ScoredDesign):
+    """The design of least expected error; ``proven`` where all ``allowed`` ones were compared."""
+
+    allowed: int | None = None
+
+    @property
+    def proven(self) -> bool:
+        """Whether no allowed design has less on the table."""
+        return self.allowed is not None
+
+
+def search_by_reader(
+    scorer: TableScorer,
+    objective: Objective,
+    starts: Sequence[Design],
+    *,
+    seed: int = 0,
+    progress: OnProgress | None = None,
+) -> ReaderOptimum:
+    """Return the design that ``objective`` reads best, within the limits of ``scorer``.
+
+    Where colors alone are chosen, and no more than `MOST_PROVEN` designs differ, all are read.
+    Else searches begin at ``starts``, all allowed, and at the best of some random colorings of
+    ``seed`` with the directions of the first.
+    """
+    found = _best_of_all(scorer, objective, starts[0], progress)
+    if found is None:
+        found = _best_of_searches(scorer, objective, starts, seed, progress)
+    if not scorer.colors_alike:
+        return found
+    # Named so that most lamps keep their color: nobody rewires a sensor for other names.
+    design = found.design
+    names = names_like(design.colors, starts[0].colors, design.drive.shape[1])
+    return replace(found, design=replace(design, drive=design.drive[:, np.argsort(names)]))
+
+
+def _best_of_all(
+    scorer: TableScorer, objective: Objective, start: Design, progress: OnProgress | None
+) -> ReaderOptimum | None:
+    """Return the best of all allowed designs, with the directions of ``start``; None: too many."""
+    limits = scorer.limits
+    if not limits.fixed_directions.all() or limits.continuous_power:
+        return None
+    every = all_colorings(limits, MOST_PROVEN, alike=scorer.colors_alike)
+    if every is None or not len(every):
+        return None
+    clock, best = Clock(len(every), progress), ScoredDesign(start, -np.inf)
+    for first in range(0, len(every), BLOCK):
+        drawn = [scorer.design(start.phi, colors) for colors in every[first : first + BLOCK]]
+        values = objective.values(drawn)
+        leader = int(values.argmax())
+        if values[leader] > best.score:
+            best = ScoredDesign(drawn[leader], float(values[leader]))
+        clock.tick(len(drawn))
+    return ReaderOptimum(best.design, best.score, len(every))
+
+
+def _best_of_searches(
+    scorer: TableScorer,
+    objective: Objective,
+    starts: Sequence[Design],
+    seed: int,
+    progress: OnProgress | None,
+) -> ReaderOptimum:
+    """Return the best design that searches reach from ``starts`` and from random colorings."""
+    rng, limits = np.random.default_rng(seed), scorer.limits
+    preferences = rng.uniform(size=(RANDOM, *limits.allowed.shape))
+    colorings = np.unique([limits.nearest_colors(row) for row in preferences], axis=0)
+    drawn = [scorer.design(starts[0].phi, colors) for colors in colorings]
+    order = np.argsort(-objective.values(drawn), kind="stable")
+    best = [drawn[place] for place in order[:KEPT]]
+    found = multi_start(scorer, objective, [*starts, *best], progress)
+    return ReaderOptimum(found.design, found.score)

@@ -1,0 +1,52 @@
+"""All colorings are all of them, each once, or it is said that there are too many."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from optimize.design import unlimited
+from optimize.search.colors import all_colorings, canonical
+
+
+@pytest.mark.parametrize("off", [True, False])
+@pytest.mark.parametrize("leds", [(1, 1, 1), (2, 0, 5), (5, 5, 5)])
+@pytest.mark.parametrize("most", [None, 2, 4])
+def test_they_are_those_of_the_product(off: bool, leds: tuple[int, ...], most: int | None) -> None:
+    limits = unlimited(5, off=off)
+    counts = np.array([*leds, 5][: 3 + off])
+    limits = replace(limits, led_counts=counts, most_lit=most)
+    every = np.array(list(itertools.product(range(-off, 3), repeat=5)))
+    every = every[limits.fits(every) & (every >= 0).any(axis=1)]
+    found = all_colorings(limits, 2000, alike=False)
+    assert found is not None
+    assert len(np.unique(found, axis=0)) == len(found)
+    assert {*map(tuple, found)} == {*map(tuple, every)}
+    alike = all_colorings(limits, 2000, alike=True)
+    assert alike is not None
+    if len(set(leds)) == 1:
+        renamed = np.unique(canonical(every), axis=0) if len(every) else every
+        assert {*map(tuple, alike)} == {*map(tuple, renamed)}
+
+
+def test_a_fixed_lamp_keeps_its_color() -> None:
+    limits = replace(unlimited(4, off=True), most_lit=2)
+    limits.allowed[2] = [False, True, False, False]
+    found = all_colorings(limits, 1000, alike=False)
+    assert found is not None
+    assert (found[:, 2] == 1).all()
+    assert len(found) == 1 + 3 * 3
+
+
+def test_too_many_are_none() -> None:
+    limits = replace(unlimited(40, off=True), most_lit=3, led_counts=np.array([1, 1, 1, 40]))
+    total = sum(math.comb(40, lit) for lit in (1, 2, 3))
+    assert all_colorings(limits, total - 1, alike=True) is None
+    found = all_colorings(limits, total, alike=True)
+    assert found is not None
+    assert len(found) == total
+    assert all_colorings(unlimited(60), 20_000, alike=True) is None
