@@ -8,6 +8,7 @@ unless its owner says otherwise.
 
 from __future__ import annotations
 
+import asyncio
 import gc
 import logging
 import os
@@ -15,6 +16,7 @@ import queue
 import socket
 import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -62,17 +64,29 @@ def connect(address: str) -> Any:
 
     Certificates for ``tls://`` are those of Dask's own settings (``distributed.comm.tls``).
 
-    The port is tried first: a client that never connects leaves threads and warnings behind.
+    A connection is tried first, with its handshake: a client that never connects leaves threads and
+    warnings behind, and on a busy machine may wait for ever.
 
     Raises:
         RunError: the address cannot be read, or no scheduler answers there.
     """
-    from distributed import Client
+    from distributed import Client, Security
+    from distributed.comm import connect as opened
     from distributed.comm.addressing import get_address_host_port
+
+    async def tried() -> None:
+        security = Security().get_connection_args("client")
+        async with asyncio.timeout(2.0 * CONNECT_SECONDS):
+            comm = await opened(address, timeout=CONNECT_SECONDS, **security)
+            await comm.close()
 
     try:
         host, port = get_address_host_port(address, strict=True)
+        # A port that is refused says so at once; a handshake is tried for as long as it may take.
         socket.create_connection((host, port), timeout=CONNECT_SECONDS).close()
+        # A thread of its own: in a notebook this one runs a loop already.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(lambda: asyncio.run(tried())).result()
         return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         raise RunError(

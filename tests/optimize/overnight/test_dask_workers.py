@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import threading
@@ -133,6 +134,14 @@ def test_the_job_of_a_worker_that_hangs_is_given_to_another(
             os.kill(asleep, signal.SIGCONT)
     assert_equal(found, alone)
     assert asleep not in pids(workers)
+
+
+def test_a_notebook_whose_loop_runs_is_told_the_same() -> None:
+    async def cell() -> None:
+        with pytest.raises(RunError, match="no Dask scheduler answers at"):
+            DaskWorkers(address="tcp://127.0.0.1:9")
+
+    asyncio.run(cell())
 
 
 @pytest.mark.parametrize("how", ["tls", "tcp"])
