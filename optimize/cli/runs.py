@@ -21,6 +21,7 @@ def run(
 ) -> None:
     """List the runs of a folder, damaged and unfinished ones too."""
     from optimize.records import (
+        degrees_text,
         find_runs,
         record_to_json,
         score_text,
@@ -49,12 +50,14 @@ def run(
                     record.kind if record.state == "finished" else f"{record.kind}, {record.state}",
                     record.scene,
                     record.level_name,
+                    *degrees_text(record),
                     *score_text(record),
                     when_text(record),
                 )
                 for record in found
             ]
-            headings = ("run", "kind", "scene", "level", "score S", "interval", "written")
+            headings = ("run", "kind", "scene", "level", "sensor", "place", "score S", "interval",
+                        "written")  # fmt: skip
             print_table(stream, "", headings, rows, words=headings[:4])
         for record in found:
             if record.state != "finished":

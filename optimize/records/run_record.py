@@ -7,8 +7,8 @@ kind must have makes the run *damaged*, which is told with the reason.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optimize.design import SCENE, Design, design_digest, load_design_file
 from optimize.design.design_file import DesignFile
+from optimize.objectives import ERROR_KEYS, ReaderName
 from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.run_directory import LOG, RECORD, RunError
 from optimize.overnight.run_directory import REPORT as NIGHT_REPORT
@@ -54,6 +55,7 @@ class RunRecord:
         scene, scene_hash, level: empty where the record does not say; effort: None there.
         score: of the design that it hands over, in counts.
         interval: of ``score``: 90 % on models and previews, 95 % from renders.
+        errors: degrees that readers miss with that design, by reader; none where nobody has read.
         design: file of that design; lights: the design itself.
         report: what to open; play: a page to play with beside it.
         note: what else its record says, or what is wrong with it.
@@ -69,6 +71,7 @@ class RunRecord:
     effort: str | None = None
     score: float | None = None
     interval: tuple[float, float] | None = None
+    errors: Mapping[ReaderName, float] = field(default_factory=dict)
     design: Path | None = None
     lights: Design | None = None
     report: Path | None = None
@@ -126,8 +129,12 @@ class _Manifest(_Strict):
 
 
 class _Estimate(_Strict):
+    """Of a rendered design; earlier records do not tell degrees."""
+
     score: float
     interval: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
+    reader_error_deg: float | None = None
+    normal_error_deg: float | None = None
 
 
 class _Gain(_Strict):
@@ -179,6 +186,12 @@ def _interval(ends: list[float] | None) -> tuple[float, float] | None:
     return None if ends is None else (ends[0], ends[1])
 
 
+def _errors(said: object) -> dict[ReaderName, float]:
+    """Return the readers' degrees among what is ``said`` of a design."""
+    found = {reader: getattr(said, f"{key}_deg", None) for reader, key in ERROR_KEYS.items()}
+    return {reader: value for reader, value in found.items() if value is not None}
+
+
 def _of_design(file: DesignFile) -> dict[str, Any]:
     """Return what a design file says of the scene and of its score."""
     known: dict[str, Any] = {
@@ -189,6 +202,7 @@ def _of_design(file: DesignFile) -> dict[str, Any]:
     if file.level is not None and file.score is not None:
         known |= {"level": file.level, "effort": file.effort}
         known |= {"score": file.score.value, "interval": file.score.interval}
+        known |= {"errors": _errors(file.read)}
     return known
 
 
@@ -234,6 +248,7 @@ def _verification(path: Path) -> RunRecord:
         "effort": None,
         "score": content.design.score,
         "interval": _interval(content.design.interval),
+        "errors": _errors(content.design),
     }
     return RunRecord(
         "verify",
@@ -281,6 +296,7 @@ def _night(run: Path) -> RunRecord:
         effort=result.best.rating.effort,
         score=result.best.score,
         interval=result.best.rating.interval,
+        errors=_errors(result.best.rating.read),
         design=run / DESIGNS / f"{result.winner}.json",
         lights=result.best.design,
         report=page if page.is_file() else None,

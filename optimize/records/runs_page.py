@@ -12,6 +12,7 @@ from typing import Any
 from urllib.parse import quote
 
 from optimize.design import Design, find_scene
+from optimize.objectives import ERROR_KEYS, READERS, title_of
 from optimize.records.run_record import RunRecord
 from optimize.report import data_uri, render_page
 from optimize.ui.console import counted
@@ -37,6 +38,7 @@ def record_to_json(record: RunRecord) -> dict[str, object]:
         "effort": record.effort,
         "score": record.score,
         "interval": None if record.interval is None else list(record.interval),
+        **{f"{key}_deg": record.errors.get(reader) for reader, key in ERROR_KEYS.items()},
         **{name: None if path is None else str(path) for name, path in paths.items()},
         "note": record.note,
     }
@@ -52,6 +54,11 @@ def score_text(record: RunRecord) -> tuple[str, str]:
     score = "" if record.score is None else f"{record.score:.1f}"
     ends = record.interval
     return score, "" if ends is None else f"{ends[0]:.1f} to {ends[1]:.1f}"
+
+
+def degrees_text(record: RunRecord) -> list[str]:
+    """Return what each of `READERS` misses, empty where the record does not say."""
+    return [f"{record.errors[name]:.2f}°" if name in record.errors else "" for name in READERS]
 
 
 def write_runs_page(path: Path, folder: Path, records: Sequence[RunRecord]) -> None:
@@ -149,6 +156,11 @@ def _row(record: RunRecord, page: Path, folder: Path, drawn: _Drawings) -> dict[
         "bad": record.state in BAD,
         "date": _when(record).strftime("%d %B %Y, %H:%M"),
         "level": record.level_name,
+        "degrees": [
+            (title_of(name), text)
+            for name, text in zip(READERS, degrees_text(record), strict=True)
+            if text
+        ],
         "score": score,
         "interval": interval,
         "note": record.note,

@@ -90,6 +90,8 @@ def test_every_kind_of_run_is_listed_with_what_it_said_itself(
     assert (explored["score"], explored["interval"]) == (found["score"], found["interval"])
     assert (explored["scene"], explored["level"]) == ("small8", "surrogate")
     assert explored["effort"] == found["effort"]
+    assert explored["reader_error_deg"] == found["reader_error_deg"]
+    assert explored["normal_error_deg"] == found["normal_error_deg"]
     assert explored["scene_hash"] == said["explore"]["scene_hash"]
     assert explored["play"] == "runs/small8-explore/play.html"
 
@@ -97,6 +99,8 @@ def test_every_kind_of_run_is_listed_with_what_it_said_itself(
     assert verified["score"] == said["verify"]["design"]["score"]
     assert verified["interval"] == said["verify"]["design"]["interval"]
     assert (verified["level"], verified["effort"]) == ("reference", None)
+    for key in ("reader_error_deg", "normal_error_deg"):
+        assert verified[key] == said["verify"]["design"][key]
     assert f"{said['verify']['difference']['value']:+.1f} over the baseline" in verified["note"]
 
     optimized, winner = rows["runs/small8-optimize"], said["optimize"]["finalists"]["winner"]
