@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from render.preview import Preview
     from render.progress import OnProgress
     from render.reference import TransportEstimate
-    from render.scene import Scene, load_scene
+    from render.scene import Scene, load_scene, save_scene
     from render.transport import TransportTable, load_table
     from surrogate.runtime import Checker
 
@@ -86,6 +86,7 @@ _HOMES = {
     "baseline_design": "optimize.design.design",
     "load_design": "optimize.design.design_file",
     "save_design": "optimize.design.design_file",
+    "save_scene": "render.scene",
     "TactiluxError": "render.errors",
     "SceneError": "render.errors",
     "DesignError": "render.errors",
@@ -114,6 +115,7 @@ __all__ = [
     "TactiluxError",
     "TransportTable",
     "baseline_design",
+    "build",
     "explore",
     "load_design",
     "load_model",
@@ -121,11 +123,13 @@ __all__ = [
     "load_table",
     "optimize",
     "picture",
+    "places",
     "rate",
     "reconstruct",
     "register_plugins",
     "render_transport",
     "save_design",
+    "save_scene",
     "study",
     "verify",
 ]
@@ -402,6 +406,47 @@ def explore(
             progress=told,
             report=report if progress is True else None,
         )
+
+
+def places(scene: Scene | str | Path, lamps: int | None = None) -> Scene:
+    """Return ``scene`` with a lamp that is off on every place where one may sit.
+
+    A search of it chooses where lamps sit, and `build` makes the sensor that its design is::
+
+        free = tactilux.places("digit", lamps=3)
+        found = tactilux.explore(free)
+        mine = tactilux.build(found.design, free, "mine")
+
+    Arguments:
+        scene: the sensor, its name or its file; places are those of its ``[search]``, or else
+            along every edge that holds lamps of its kind.
+        lamps: at most so many are lit (default: as its ``[search]`` says, or the baseline lights).
+    """
+    from optimize.placement import searched_scene
+    from render.arguments import as_whole
+    from render.errors import SceneError
+    from render.scene import as_scene
+
+    most = None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1)
+    return searched_scene(as_scene(scene), lamps=most)
+
+
+def build(design: Design | str | Path, scene: Scene | str | Path, name: str) -> Scene:
+    """Return the sensor that a design is: the lamps that it lights, as the baseline.
+
+    Arguments:
+        design: of ``scene``, or its file.
+        scene: with the places from which the design chose, its name or its file.
+        name: of the sensor, as its file will say; `save_scene` writes that.
+    """
+    from optimize.placement import built_scene
+    from render.arguments import as_kind
+    from render.errors import SceneError
+    from render.scene import as_scene
+
+    sensor = as_scene(scene)
+    as_kind(name, str, "name", "the name of a sensor, a text", SceneError)
+    return built_scene(sensor, _design_of(design, sensor), name)
 
 
 def study(

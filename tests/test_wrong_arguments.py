@@ -74,7 +74,7 @@ CASES: dict[str, Case] = {
     "load_table": Case(lambda h: tactilux.load_table, lambda h: {"path": h.table_file}),
     "load_design": Case(
         lambda h: tactilux.load_design,
-        lambda h: {"path": h.design_file, "scene": h.scene},
+        lambda h: {"path": h.folder.parent / "saved.toml", "scene": h.scene},
         {"scene": {"a scene"}},
     ),
     "save_design": Case(
@@ -82,6 +82,22 @@ CASES: dict[str, Case] = {
         lambda h: {"path": h.design_file, "design": h.design, "scene": h.scene, "rating": None},
         {"path": ANY_PATH - {"a folder"}, "design": {"a design"}, "scene": {"a scene"},
          "rating": {NOTHING}},
+    ),
+    "save_scene": Case(
+        lambda h: tactilux.save_scene,
+        lambda h: {"path": h.folder.parent / "saved.toml", "scene": h.scene},
+        # What a path named before is a scene by then.
+        {"path": ANY_PATH - {"a folder"}, "scene": SCENE | {"a text", "a missing file"}},
+    ),
+    "places": Case(
+        lambda h: tactilux.places,
+        lambda h: {"scene": h.scene, "lamps": None},
+        {"scene": SCENE, "lamps": {NOTHING, "a number"}},
+    ),
+    "build": Case(
+        lambda h: tactilux.build,
+        lambda h: {"design": h.design, "scene": h.scene, "name": "mine"},
+        {"design": {"a design"}, "scene": {"a scene"}, "name": {"a text"}},
     ),
     "load_model": Case(
         lambda h: tactilux.load_model,

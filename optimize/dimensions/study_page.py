@@ -32,7 +32,7 @@ from optimize.ui.console import counted, print_table
 from optimize.ui.output import MANIFEST, writable
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_json, write_text
-from render.scene import standalone, write_scene
+from render.scene import standalone, save_scene
 
 PAGE, PLOT, BEST, PLAN = "dimensions.html", "dimensions.png", "best.toml", "study.json"
 PRESENT_DESIGN = "as-it-is.json"
@@ -171,7 +171,7 @@ def write_study(target: Path, study: Study) -> dict[str, Any]:
     kept = standalone(study.scene)
     with writable(target):
         keep_scene(target, kept)
-        write_scene(target / BEST, scene)
+        save_scene(target / BEST, scene)
         save_design(target / DESIGN, best.design, scene, best.rating)
         base = study.rated(study.present, "present", "As it is", study.scene)
         save_design(target / PRESENT_DESIGN, base.design, study.scene, base.rating)

@@ -15,6 +15,6 @@ from render.scene.schema import Scene
 from render.scene.serialization import scene_content, scene_of
 from render.scene.skin import SHAPES, Skin
 from render.scene.skin_mesh import MeshHeights
-from render.scene.standalone import StandaloneScene, rewritten, standalone, write_scene
+from render.scene.standalone import StandaloneScene, rewritten, save_scene, standalone
 from render.scene.states import REST, State
 from render.scene.tolerances import Spread, Tolerances

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from render.arguments import as_target
 from render.errors import SceneError
 from render.files import read_bytes, write_bytes
 from render.scene.lamps_file import LampLines
@@ -110,13 +111,13 @@ def rewritten(scene: Scene, comment: str, **keys: Any) -> Scene:
     return again
 
 
-def write_scene(path: Path, scene: Scene) -> None:
-    """Write the file of ``scene``, and beside it those that it names.
+def save_scene(path: str | Path, scene: Scene | str | Path) -> None:
+    """Write the file of ``scene`` to ``path``, and beside it those that it names.
 
     Raises:
-        SceneError: as `standalone` does.
+        SceneError: ``path`` is a folder, or the scene has no file, see `standalone`.
     """
-    standalone(scene).write(path)
+    standalone(scene).write(as_target(path, "path", SceneError))
 
 
 def _profiles(lamps: Any) -> Iterator[str]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from render.scene import load_scene, rewritten, write_scene
+from render.scene import load_scene, rewritten, save_scene
 
 ROOT = Path(__file__).parents[3]
 Run = Callable[..., Any]
@@ -25,7 +25,7 @@ def small_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the scene file of a DIGIT with four sites."""
     scene = load_scene("digit").with_(sites={"columns": 2, "rows": 2}, indenter={"faces": 6})
     path = tmp_path_factory.mktemp("scene") / "small.toml"
-    write_scene(path, rewritten(scene, "", name="small"))
+    save_scene(path, rewritten(scene, "", name="small"))
     return path
 
 

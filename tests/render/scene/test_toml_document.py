@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from render.files import parse_toml
-from render.scene import load_scene, rewritten, shipped_scenes, sources, write_scene
+from render.scene import load_scene, rewritten, save_scene, shipped_scenes, sources
 from render.scene.scene_file import written_of
 from render.scene.schema.toml_document import content_text
 
@@ -45,7 +45,7 @@ def test_a_changed_scene_is_kept_with_the_files_that_it_names(tmp_path: Path) ->
     source.write_text(text.replace('"lambertian"', profile))
     changed = rewritten(load_scene(source).with_(pad_thickness=5.0), "thinner", name="thin")
     target = tmp_path / "elsewhere" / "thin.toml"
-    write_scene(target, changed)
+    save_scene(target, changed)
     again = load_scene(target)
     assert (again.hash, again.name, again.pad.thickness) == (changed.hash, "thin", 5.0)
     assert target.read_text().startswith("# thinner\n")
