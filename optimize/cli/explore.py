@@ -104,13 +104,13 @@ def run(
                 f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"
             )
         refined = robust is not None or shadow is not None
-        if refined and objective not in {None, "score"}:
+        if shadow is not None and objective not in {None, "score"}:
             raise DesignError(
-                f"--objective = {objective} with --robust or --shadow, which refine S, allowed: "
+                f"--objective = {objective} with --shadow, which weighs counts of S, allowed: "
                 "score; leave one of them out",
                 field="objective",
             )
-        goal = objective or ("score" if refined else "sensor")
+        goal = objective or ("sensor" if shadow is None else "score")
         target = out or Path("runs") / f"{own_name}-explore"
         check_target(target)
         earlier = design_in(target / DESIGN)

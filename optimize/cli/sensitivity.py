@@ -1,4 +1,4 @@
-"""``tactilux sensitivity``: which tolerance costs a design the most score."""
+"""``tactilux sensitivity``: which tolerance costs a design the most."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Annotated
 from typer import Option
 
 from optimize.cli.options import Json, ModelFolder, RatedDesignArgument, Seed
+from optimize.objectives import ObjectiveName
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
+from render.errors import DesignError
 
 RENDER_SEED = 600
 
@@ -22,23 +24,35 @@ def run(
         int | None,
         Option(min=1, help="Check the slopes on renders with so many samples per cell."),
     ] = None,
+    objective: Annotated[
+        ObjectiveName | None,
+        Option(help="Whose loss: a reader's degrees (sensor, unless --samples), or S (score)."),
+    ] = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Say which manufacturing tolerance costs the most score."""
+    """Say which manufacturing tolerance costs a design the most."""
     from optimize.design import limits_of, open_rated
     from optimize.robust import (
         check_slopes,
+        exact_slopes,
         material_slopes,
         print_sensitivities,
-        score_slopes,
         sensitivities,
         tolerances_of,
         usual_tolerances_note,
+        worth_of,
     )
     from optimize.scoring import TableScorer, model_of_design, search_table
 
     with reserved_stdout() as stream:
+        if samples is not None and objective not in {None, "score"}:
+            raise DesignError(
+                f"--objective = {objective} with --samples, which checks slopes of S, allowed: "
+                "score; leave one of them out",
+                field="objective",
+            )
+        goal = objective or ("sensor" if samples is None else "score")
         candidate = open_rated(path, scene)
         sensor = candidate.scene
         spreads = tolerances_of(sensor)
@@ -49,9 +63,11 @@ def run(
         scorer = TableScorer(table, limits=limits_of(sensor))
         with ProgressBar("Previews of other materials") as bar:
             slopes = material_slopes(sensor, spreads, table.phi, bar)
-        found = tuple(sensitivities(scorer, candidate.design, spreads, slopes, seed=seed))
+        worth = worth_of(goal, scorer, sensor)
+        found = tuple(sensitivities(worth, candidate.design, spreads, slopes, seed=seed))
         result: dict[str, object] = {
             "scene_hash": sensor.hash,
+            "objective": goal,
             "score": scorer.score(candidate.design.phi, candidate.design.power),
             "sensitivities": [entry.to_json() for entry in found],
         }
@@ -60,7 +76,7 @@ def run(
             from render.reference import ensure_llvm
 
             ensure_llvm()
-            exact = score_slopes(scorer, candidate.design, list(spreads), slopes)
+            exact = exact_slopes(worth, candidate.design, list(spreads), slopes)
             checkpoint = path.parent / f"{path.stem}-renders"
             note(f"Rendering neighbors; interrupted, the same command goes on from {checkpoint}")
             with ProgressBar("Rendering") as bar:
@@ -77,5 +93,5 @@ def run(
         if as_json:
             print_json(stream, result)
         else:
-            print_sensitivities(stream, found)
+            print_sensitivities(stream, found, goal)
             stream.write("".join(f"{line}\n" for line in lines))

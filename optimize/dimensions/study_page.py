@@ -32,7 +32,7 @@ from optimize.ui.console import counted, print_table
 from optimize.ui.output import MANIFEST, writable
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_json, write_text
-from render.scene import standalone, save_scene
+from render.scene import save_scene, standalone
 
 PAGE, PLOT, BEST, PLAN = "dimensions.html", "dimensions.png", "best.toml", "study.json"
 PRESENT_DESIGN = "as-it-is.json"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from optimize.design import DARK, Design, limits_of
 from optimize.robust import (
     MATERIALS,
+    ScoreWorth,
     material_slopes,
     sensitivities,
     spread_words,
@@ -302,8 +303,8 @@ def mounting_error_costs(
     nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)
     slopes = material_slopes(scene, spreads, nodes, progress)
     table = checker.transport_table(nodes) if slopes else search_table(checker)
-    scorer = TableScorer(table, limits=limits_of(scene))
-    found = sensitivities(scorer, design, spreads, slopes)
+    worth = ScoreWorth(TableScorer(table, limits=limits_of(scene)))
+    found = sensitivities(worth, design, spreads, slopes)
     return [
         ErrorCost(spread_words(one.name, spreads[one.name]), one.mean_loss, one.low_loss)
         for one in found

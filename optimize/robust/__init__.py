@@ -13,4 +13,5 @@ from optimize.robust.robustness_study import (
     print_study,
     study_robustness,
 )
-from optimize.robust.sensitivity import check_slopes, score_slopes, sensitivities
+from optimize.robust.sensitivity import check_slopes, exact_slopes, sensitivities
+from optimize.robust.worth import ScoreWorth, worth_of

@@ -117,9 +117,10 @@ def material_slopes(
     phi: Array,
     progress: OnProgress | None = None,
 ) -> dict[str, Array]:
-    """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet[, channel])`` by name.
+    """Return ``d log T / d p`` ``(fiber, phi_node, bend, site, facet + 1[, channel])`` by name.
 
-    Of ``tolerances``, those of the material are looked at; ``phi`` is ``(phi_node,)`` rad.
+    The untouched pad comes last. Of ``tolerances``, those of the material are looked at; ``phi`` is
+    ``(phi_node,)`` rad.
     """
     bends, slopes = np.array(scene.state_axis), {}
     names = [name for name in MATERIALS if name in tolerances]
@@ -129,7 +130,8 @@ def material_slopes(
         logs = []
         for neighbor in (around.below, around.above):
             with Preview(neighbor) as preview:
-                transport, _ = preview.transport(phi, bends)
+                facets, pad = preview.transport(phi, bends)
+            transport = np.concatenate([facets, np.expand_dims(pad, 4)], axis=4)
             logs.append(np.log(np.maximum(transport, 1e-12 * transport.max())))
             clock.tick()
         slopes[name] = np.asarray((logs[1] - logs[0]) / (2.0 * around.step))

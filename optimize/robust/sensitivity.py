@@ -1,4 +1,4 @@
-"""Which tolerance costs the most score: exact derivatives, and the loss over perturbed sensors.
+"""Which tolerance costs the most: exact derivatives, and the loss over perturbed sensors.
 
 Slopes can be checked by finite differences on renders. All fibers then change together, so every
 slope is one number: the sum over fibers. Powers and gain act linearly on one render. Directions on
@@ -16,9 +16,9 @@ import numpy as np
 from optimize.design import Array, Design, RatedDesign
 from optimize.robust.material_slopes import MATERIALS, PER_FIBER, neighbors
 from optimize.robust.perturbed_sensors import QUANTILE, PerturbedSensors
-from optimize.scoring import Differentiator, JackknifeEstimate, TableScorer, jackknife
+from optimize.robust.worth import Worth
+from optimize.scoring import JackknifeEstimate, jackknife
 from optimize.verification import reference_renders
-from render.chebyshev import interpolation_weights
 from render.progress import OnProgress
 from render.scene import Spread
 
@@ -30,16 +30,16 @@ facets begin to clip."""
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """What one tolerance does to the score of a design, in counts.
+    """What one tolerance does to a design: to S in counts, or to a reader's degrees.
 
     Arguments:
         name: of the tolerance; sigma: its standard deviation (rad, mm or relative).
-        slope: ``(F,)`` or ``(1,)`` exact derivative of S by the error, per fiber where each has
-            its own.
-        deviation: standard deviation of S to first order, ``|slope| sigma`` in quadrature.
-        mean_loss: S as drawn minus its mean over sensors with this error alone; at an optimum the
+        slope: ``(F,)`` or ``(1,)`` exact derivative of what is told by the error, per fiber where
+            each has its own.
+        deviation: its standard deviation to first order, ``|slope| sigma`` in quadrature.
+        mean_loss: what is lost on average over sensors with this error alone; at an optimum the
             slope by direction is 0 and this is all that is left.
-        low_loss: S as drawn minus its lower quantile over the same sensors.
+        low_loss: what one of the same sensors in ten loses more than.
         low_loss_se: bootstrap standard error of it.
     """
 
@@ -62,7 +62,7 @@ class Sensitivity:
 
 
 def sensitivities(
-    scorer: TableScorer,
+    worth: Worth,
     design: Design,
     spreads: Mapping[str, Spread],
     slopes: Mapping[str, Array],
@@ -75,47 +75,49 @@ def sensitivities(
     ``spreads`` are tolerances by name, ``slopes`` those of the materials among them, from
     `material_slopes`; every tolerance has ``draws`` sensors.
     """
-    exact = score_slopes(scorer, design, list(spreads), slopes)
-    nominal, losses = scorer.score(design.phi, design.power), []
+    exact = exact_slopes(worth, design, list(spreads), slopes)
+    drawn = worth.superposed(worth.at(design.phi)[0], design.power)
+    nominal, losses = worth.value(drawn), []
     rng = np.random.default_rng(seed)
     for name, spread in spreads.items():
-        sensors = PerturbedSensors(scorer, {name: spread}, slopes, draws=draws, seed=seed)
-        scores = sensors.scores(design)
-        lows = np.quantile(rng.choice(scores, (200, draws)), QUANTILE, axis=1)
+        sensors = PerturbedSensors(worth, {name: spread}, slopes, draws=draws, seed=seed)
+        values = sensors.values(design)
+        lows = np.quantile(rng.choice(values, (200, draws)), QUANTILE, axis=1)
         losses.append(
             Sensitivity(
                 name=name,
                 sigma=spread.sigma,
-                slope=exact[name],
+                slope=worth.sign * exact[name],
                 deviation=float(np.linalg.norm(exact[name])) * spread.sigma,
-                mean_loss=nominal - float(scores.mean()),
-                low_loss=nominal - float(np.quantile(scores, QUANTILE)),
+                mean_loss=nominal - float(values.mean()),
+                low_loss=nominal - float(np.quantile(values, QUANTILE)),
                 low_loss_se=float(lows.std(ddof=1)),
             )
         )
     return sorted(losses, key=lambda entry: -entry.low_loss)
 
 
-def score_slopes(
-    scorer: TableScorer, design: Design, names: list[str], slopes: Mapping[str, Array]
+def exact_slopes(
+    worth: Worth, design: Design, names: list[str], slopes: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Return exact derivatives of S by the errors ``names``, ``(F,)`` or ``(1,)`` each.
+    """Return exact derivatives of the worth by the errors ``names``, ``(F,)`` or ``(1,)`` each.
 
-    Counts per rad for ``fiber_angle``, per mm for ``diffuser_thickness``, else per relative error.
+    Per rad for ``fiber_angle``, per mm for ``diffuser_thickness``, else per relative error.
     """
-    gradient = Differentiator(scorer).at(design.phi, design.power)
-    cells = tuple(range(1, gradient.light.ndim))
-    by_light = gradient.light.sum(axis=cells)
-    weights = interpolation_weights(scorer.table.phi, design.phi)
+    light, turned = worth.at(design.phi)
+    _, by_counts = worth.slopes(worth.superposed(light, design.power))
+    by_light, _ = worth.chain(by_counts, light, design.power)
+    weights, patches = worth.weights(design.phi), worth.cells[2]
     derivatives: dict[str, Array] = {}
     for name in names:
         if name == "fiber_angle":
-            derivatives[name] = gradient.phi
+            grown = turned
         elif name in slopes:
-            at = np.einsum("fj,fjbsk...->fbsk...", weights, slopes[name])
-            derivatives[name] = (gradient.light * at).sum(axis=cells)
+            known = slopes[name][:, :, :, :, :patches].reshape(*slopes[name].shape[:2], -1)
+            grown = light * (weights @ known)[:, 0]
         else:
-            derivatives[name] = by_light
+            grown = light
+        derivatives[name] = (by_light * grown).sum(axis=1)
         if name not in PER_FIBER:
             derivatives[name] = derivatives[name].sum(keepdims=True)
     return derivatives

@@ -135,20 +135,21 @@ def multi_start(
     objective: Objective,
     starts: Sequence[Design],
     progress: OnProgress | None = None,
+    climbs: int = CLIMBS,
 ) -> ScoredDesign:
     """Return the best design by ``objective`` within the limits of ``scorer``.
 
-    Every one of ``starts`` is refined; from the best of them on, one fiber takes another color or
-    two exchange theirs, as long as that helps, and what that reaches is refined anew.
+    Every one of ``starts`` is refined; from the best ``climbs`` of them on, one fiber takes another
+    color or two exchange theirs, as long as that helps, and what that reaches is refined anew.
     """
-    clock = Clock(len(starts) + CLIMBS, progress)
+    clock = Clock(len(starts) + climbs, progress)
     optima = []
     for start in starts:
         optima.append(refine_by(scorer, objective, start))
         clock.tick()
     optima.sort(key=lambda optimum: -optimum.score)
     climbed = []
-    for optimum in optima[:CLIMBS]:
+    for optimum in optima[:climbs]:
         climbed.append(_climb(scorer, objective, optimum))
         clock.tick()
     return max(climbed, key=lambda optimum: optimum.score)

@@ -103,7 +103,7 @@ def test_a_search_for_the_score_finds_more_of_it(
     assert result["optimized"]["score"] >= explored.result["optimized"]["score"]
     found, other = result["optimized"], explored.result["optimized"]
     assert found["reader_error_deg"] >= other["reader_error_deg"] - 0.02
-    refused = tactilux(*command, "--objective", "place", "--robust", "spread")
+    refused = tactilux(*command, "--objective", "place", "--shadow", 1.0)
     assert refused.code == 2
     assert "allowed: score" in refused.err
 
@@ -238,6 +238,24 @@ fiber_angle = { distribution = "uniform", deviation = 4.0, unit = "deg", source 
     assert design["angles_deg"][4] == pytest.approx(70.0)
     assert max(power[1] for power in design["power"]) <= 0.5
     assert "sensors as built" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_a_design_for_tolerances_reads_better_on_built_sensors_than_the_baseline(
+    tactilux: Run, small_scene: Path, small_model: Path, tmp_path: Path
+) -> None:
+    words = ["explore", small_scene, "--model", small_model, "--robust", "quantile"]
+    done = tactilux(*words, "--out", "run", "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    built = result["study"]["robust"]
+    assert set(built) == {"baseline", "score", "optimized", "refined"}
+    assert {rating["objective"] for rating in built.values()} == {"sensor"}
+    assert built["refined"]["tenth"] <= built["optimized"]["tenth"] + 0.02
+    assert built["refined"]["tenth"] <= built["baseline"]["tenth"]
+    # The closed form and the drawn reader are two ways to the same degrees.
+    drawn = result["optimized"]["reader_error_deg"]
+    assert built["refined"]["nominal"] == pytest.approx(drawn, rel=0.15)
+    assert "sensor reader" in (tmp_path / "run" / "report.html").read_text()
 
 
 def test_the_log_has_the_scores_of_the_result(explored: Explored) -> None:

@@ -36,7 +36,7 @@ def command(small_scene: Path, small_model: Path, tmp_path: Path) -> list[object
 def test_a_scene_that_declares_none_has_the_usual_tolerances_and_says_so(
     tactilux: Run, command: list[object], small_scene: Path, small_model: Path
 ) -> None:
-    done = tactilux(*command, "--json")
+    done = tactilux(*command, "--objective", "score", "--json")
     assert done.code == 0, done.err
     ranked = [entry["name"] for entry in json.loads(done.out)["sensitivities"]]
     assert set(ranked) == {"fiber_angle", "led_power", "camera_gain", "diffuser_thickness"}
@@ -48,6 +48,21 @@ def test_a_scene_that_declares_none_has_the_usual_tolerances_and_says_so(
     )
     lost = [entry["low_loss"] for entry in json.loads(done.out)["sensitivities"]]
     np.testing.assert_allclose([cost.low for cost in costs], lost, rtol=0.1, atol=0.1)
+
+
+def test_degrees_of_the_sensor_reader_are_lost_unless_another_loss_is_asked_for(
+    tactilux: Run, command: list[object]
+) -> None:
+    done = tactilux(*command)
+    assert done.code == 0, done.err
+    assert "in degrees of the sensor reader" in done.out
+    told = json.loads(tactilux(*command, "--json").out)
+    assert told["objective"] == "sensor"
+    lost = {entry["name"]: entry["low_loss"] for entry in told["sensitivities"]}
+    assert abs(lost["camera_gain"]) < 0.001 < lost["led_power"]
+    refused = tactilux(*command, "--objective", "place", "--samples", 1)
+    assert refused.code == 2
+    assert "--samples, which checks slopes of S, allowed: score" in refused.err
 
 
 def test_what_a_scene_declares_is_what_both_rank(

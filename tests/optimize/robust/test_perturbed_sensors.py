@@ -10,8 +10,9 @@ import pytest
 
 from optimize.design import Design
 from optimize.robust.material_slopes import neighbors
-from optimize.robust.perturbed_sensors import PerturbedSensors, RobustScore, rate_robustly
-from optimize.robust.sensitivity import score_slopes, sensitivities
+from optimize.robust.perturbed_sensors import PerturbedSensors, RobustWorth, rate_robustly
+from optimize.robust.sensitivity import exact_slopes, sensitivities
+from optimize.robust.worth import ScoreWorth
 from optimize.scoring import TableScorer
 from optimize.search import multi_start
 from render.scene import Scene, Spread
@@ -48,14 +49,14 @@ def design() -> Design:
 
 
 def test_without_errors_every_sensor_is_the_one_drawn(scorer: TableScorer, design: Design) -> None:
-    sensors = PerturbedSensors(scorer, {}, {}, draws=3, seed=0)
-    assert sensors.scores(design) == pytest.approx(scorer.score(design.phi, design.power))
+    sensors = PerturbedSensors(ScoreWorth(scorer), {}, {}, draws=3, seed=0)
+    assert sensors.values(design) == pytest.approx(scorer.score(design.phi, design.power))
 
 
 def test_a_built_sensor_is_the_table_with_its_errors(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors = PerturbedSensors(scorer, SPREADS, slopes, draws=4, seed=3)
+    sensors = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=4, seed=3)
     errors = {name: error[2] for name, error in sensors.errors.items()}
     log = sum(
         errors[name][:, None, None, None, None] * slopes.get(name, 1.0)
@@ -65,15 +66,15 @@ def test_a_built_sensor_is_the_table_with_its_errors(
     # The factor is taken at the nodes here and at phi there: equal for a polynomial, nearly else.
     built = TableScorer(replace(scorer.table, T=scorer.table.T * np.exp(log)))
     expected = built.score(design.phi + errors["fiber_angle"], design.power)
-    assert sensors.scores(design)[2] == pytest.approx(expected, rel=2e-3)
+    assert sensors.values(design)[2] == pytest.approx(expected, rel=2e-3)
 
 
 def test_derivatives_of_the_robust_score_equal_finite_differences(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors, h = PerturbedSensors(scorer, SPREADS, slopes, draws=12, seed=1), 1e-6
+    sensors, h = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=12, seed=1), 1e-6
     for measure in ("quantile", "spread"):
-        goal = RobustScore(sensors, measure)
+        goal = RobustWorth(sensors, measure)
         value, slope, _ = goal.gradient(design)
         assert value == pytest.approx(goal.value(design), rel=1e-12)
         for fiber in range(FIBERS):
@@ -90,30 +91,33 @@ def test_derivatives_of_the_robust_score_equal_finite_differences(
 def test_refining_raises_the_robust_score_and_keeps_to_full_power(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    goal = RobustScore(PerturbedSensors(scorer, SPREADS, slopes, draws=12, seed=1), "quantile")
+    goal = RobustWorth(
+        PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=12, seed=1), "quantile"
+    )
     found = multi_start(scorer, goal, [design])
     best, value = found.design, found.score
     assert value > goal.value(design)
     assert value == pytest.approx(goal.value(best))
     assert np.array_equal(best.power.max(axis=1), np.ones(FIBERS))
-    rating = rate_robustly(
-        scorer, PerturbedSensors(scorer, SPREADS, slopes, draws=60, seed=9), best
-    )
-    assert rating.low_interval[0] <= rating.low <= rating.low_interval[1] < rating.nominal
+    others = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=60, seed=9)
+    rating = rate_robustly(others, best)
+    assert rating.tenth_interval[0] <= rating.tenth <= rating.tenth_interval[1] < rating.nominal
 
 
 def test_slopes_by_tolerance_equal_finite_differences(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    exact, h = score_slopes(scorer, design, list(SPREADS), slopes), 1e-5
+    exact, h = exact_slopes(ScoreWorth(scorer), design, list(SPREADS), slopes), 1e-5
 
     def moved(name: str, error: np.ndarray) -> float:
         if name == "fiber_angle":
             return scorer.score(design.phi + error, design.power)
-        sensors = PerturbedSensors(scorer, {name: SPREADS[name]}, slopes, draws=1, seed=0)
+        sensors = PerturbedSensors(
+            ScoreWorth(scorer), {name: SPREADS[name]}, slopes, draws=1, seed=0
+        )
         sensors.errors[name] = error[None]
         sensors._factor = error[None] if name not in slopes else np.zeros((1, FIBERS))
-        return float(sensors.scores(design)[0])
+        return float(sensors.values(design)[0])
 
     for name, slope in exact.items():
         for index in range(len(slope)):
@@ -128,7 +132,7 @@ def test_the_dearest_tolerance_comes_first(
 ) -> None:
     small = {name: replace(spread, deviation=1e-3) for name, spread in SPREADS.items()}
     small["camera_gain"] = Spread("normal", 0.2, "x")
-    found = sensitivities(scorer, design, small, slopes, draws=100)
+    found = sensitivities(ScoreWorth(scorer), design, small, slopes, draws=100)
     assert found[0].name == "camera_gain"
     assert found[0].worst_fiber is None
     losses = [entry.low_loss for entry in found]

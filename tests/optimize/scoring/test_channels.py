@@ -10,7 +10,8 @@ import pytest
 
 from optimize.design import Design
 from optimize.robust.perturbed_sensors import PerturbedSensors
-from optimize.robust.sensitivity import score_slopes
+from optimize.robust.sensitivity import exact_slopes
+from optimize.robust.worth import ScoreWorth
 from optimize.scoring import Differentiator, TableScorer, rendered_score, score_interval
 from render.metric import MetricConfig, design_score, image_counts, site_metric, superposed
 from render.scene import Spread
@@ -109,16 +110,18 @@ def test_built_sensors_of_the_same_light_in_all_channels_score_alike(
     slope = 0.2 * np.random.default_rng(5).standard_normal(table.T.shape)
     design = Design.of_colors(np.full(8, 1.2), [0, 1, 2, 0, 1, 2, 0, 1])
     plain, colored = (
-        PerturbedSensors(TableScorer(each), SPREADS, {"scattering": by_light}, draws=5, seed=1)
+        PerturbedSensors(
+            ScoreWorth(TableScorer(each)), SPREADS, {"scattering": by_light}, draws=5, seed=1
+        )
         for each, by_light in ((table, slope), (alike(table), np.repeat(slope[..., None], 3, -1)))
     )
-    np.testing.assert_allclose(plain.scores(design), colored.scores(design), rtol=1e-10)
+    np.testing.assert_allclose(plain.values(design), colored.values(design), rtol=1e-10)
     for one, other in zip(plain.gradients(design), colored.gradients(design), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-8)
     names = list(SPREADS)
-    first = score_slopes(plain.scorer, design, names, {"scattering": slope})
-    second = score_slopes(
-        colored.scorer, design, names, {"scattering": np.repeat(slope[..., None], 3, -1)}
+    first = exact_slopes(plain.worth, design, names, {"scattering": slope})
+    second = exact_slopes(
+        colored.worth, design, names, {"scattering": np.repeat(slope[..., None], 3, -1)}
     )
     for name in names:
         np.testing.assert_allclose(first[name], second[name], rtol=1e-8)
@@ -127,14 +130,14 @@ def test_built_sensors_of_the_same_light_in_all_channels_score_alike(
 def test_slopes_of_built_sensors_equal_finite_differences(make_table: MakeTable) -> None:
     scorer = TableScorer(tinted(make_table(lam=50.0)))
     slope = 0.2 * np.random.default_rng(5).standard_normal(scorer.table.T.shape)
-    sensors = PerturbedSensors(scorer, SPREADS, {"scattering": slope}, draws=3, seed=1)
+    sensors = PerturbedSensors(ScoreWorth(scorer), SPREADS, {"scattering": slope}, draws=3, seed=1)
     colors, phi, h = [0, 1, 2, 0, 1, 2, 0, 1], np.full(8, 1.2), 1e-6
     design = Design.of_colors(phi, colors)
     _, found, by_power = sensors.gradients(design)
     for fiber in (0, 5):
         step = h * np.eye(8)[fiber]
-        ends = [sensors.scores(Design.of_colors(phi + s * step, colors)) for s in (1, -1)]
+        ends = [sensors.values(Design.of_colors(phi + s * step, colors)) for s in (1, -1)]
         np.testing.assert_allclose(found[:, fiber], (ends[0] - ends[1]) / (2 * h), rtol=1e-3)
     less = replace(design, drive=(1.0 - h) * design.drive)
-    change = (sensors.scores(design) - sensors.scores(less)) / h
+    change = (sensors.values(design) - sensors.values(less)) / h
     np.testing.assert_allclose((by_power * design.power).sum(axis=(1, 2)), change, rtol=1e-3)
