@@ -232,7 +232,7 @@ def limit_sentences(scene: Scene) -> Iterator[str]:
     if len(holder.least):
         yield holder.sentence
     if scene.constraints is not None:
-        yield from scene.constraints.sentences(scene.palette)
+        yield from scene.constraints.sentences(scene.palette.one_shot)
     if scene.search is not None:
         yield from scene.search.sentences()
 

@@ -146,7 +146,7 @@ class Design:
 
         A single lamp has no choice, and its hue no weight.
         """
-        choice = not self.palette.one_hue and len(self.phi) > 1
+        choice = not self.palette.one_shot.one_hue and len(self.phi) > 1
         return choice and len(set(self.colors.tolist())) == 1
 
 

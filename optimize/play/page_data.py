@@ -166,7 +166,7 @@ def reader_facts(scene: Scene, camera: CameraModel) -> dict[str, Any]:
             "shot": camera.shot,
             "rounding": camera.step**2 / 12.0,
             "saturated": camera.saturated,
-            "longest": camera.longest_exposure,
+            "longest": camera.longest_shot,
             "gains": list(camera.gains),
         },
         "sensor": {
@@ -208,7 +208,7 @@ def palette_facts(palette: Palette) -> dict[str, Any]:
         "inks": list(palette.inks),
         "response": palette.matrix.tolist(),
         "display": palette.display.tolist(),
-        "oneHue": palette.one_hue,
+        "oneHue": palette.one_shot.one_hue,
     }
 
 
@@ -264,6 +264,7 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
     walls = {name: np.asarray(value).tolist() for name, value in asdict(holder).items()}
     return {
         "allowed": limits.allowed.tolist(),
+        "led": limits.led.tolist(),
         "counts": limits.led_counts.tolist(),
         "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
         "power": limits.led_power.tolist(),

@@ -67,7 +67,7 @@ class ExpectedError(ABC):
             degrees, by_exposed, by_gain = self.exposed_slopes(factor[0] * counts[None], gain)
         by_factor = float((by_exposed[0] * counts).sum())
         if gain[0] > 1.0 and not self.camera.gains:
-            by_factor += float(by_gain[0]) / self.camera.longest_exposure
+            by_factor += float(by_gain[0]) / self.camera.longest_shot
         by_counts = factor[0] * by_exposed[0]
         # The exposure is 255 over the count that decides it, unless the camera cannot reach it.
         brightest = counts.flat[decides[0]]

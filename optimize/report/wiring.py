@@ -129,9 +129,10 @@ def exposure_sentences(read: ReadErrors, scene: Scene) -> list[str]:
     first = next((i for i, tilt in enumerate(read.saturates_deg) if tilt is not None), None)
     if first is not None:
         said[first] += " of tilt on"
+    what = f"each of {camera.shots} shots " if camera.shots > 1 else ""
     return [
-        f"Expose {time:.3g} times as long as the scene's exposure, at gain {read.gain:.3g}; 255 "
-        f"counts are {camera.full_well / read.gain:.0f} electrons.",
+        f"Expose {what}{time:.3g} times as long as the scene's exposure, at gain {read.gain:.3g}; "
+        f"255 counts are {camera.full_well / read.gain:.0f} electrons.",
         f"At most {camera.saturated:.1%} of all colors saturate{': ' * bool(said)}"
         f"{', '.join(said)}.",
     ]
