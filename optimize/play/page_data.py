@@ -195,16 +195,21 @@ def _flat(values: Array) -> list[float]:
 def palette_facts(palette: Palette) -> dict[str, Any]:
     """Return the LEDs: names, keys and inks, what channels see of them and screens show of these.
 
-    A letter is the first of the name, or the LED's number where others begin alike ("o" is off).
+    A letter is the first of the name, or the LED's number where others begin alike ("o" is off);
+    what shines in some shots alone has their numbers behind it.
     """
-    first = [name[0].upper() for name in palette.names]
+    first = [name[0].upper() for name in palette.one_shot.names]
     letters = [
         letter if first.count(letter) == 1 and letter != "O" else str(number)
         for number, letter in enumerate(first, start=1)
     ]
     return {
         "names": list(palette.names),
-        "letters": letters,
+        "shots": palette.shots,
+        "letters": [
+            letters[led] + name.partition("@")[2]
+            for name, led in zip(palette.names, palette.led.tolist(), strict=True)
+        ],
         "inks": list(palette.inks),
         "response": palette.matrix.tolist(),
         "display": palette.display.tolist(),
