@@ -192,8 +192,7 @@ def one_hue_advice(scene: Scene) -> str:
         why = "the camera has one channel"
     return (
         f"{why} and sees all lamps at once, so brightness alone tells normals: take a picture for "
-        "each group of lamps, each a channel (docs/scenes.md, shots), or LEDs and a camera of "
-        "several colors"
+        "each group of lamps (docs/scenes.md, shots), or LEDs and a camera of several colors"
     )
 
 
