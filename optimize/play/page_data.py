@@ -166,7 +166,8 @@ def reader_facts(scene: Scene, camera: CameraModel) -> dict[str, Any]:
             "shot": camera.shot,
             "rounding": camera.step**2 / 12.0,
             "saturated": camera.saturated,
-            "longest": camera.longest_shot,
+            "longest": camera.longest_exposure,
+            "shots": camera.shots,
             "gains": list(camera.gains),
         },
         "sensor": {

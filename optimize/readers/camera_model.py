@@ -25,11 +25,11 @@ class CameraModel:
     where a scene's ``[camera]`` does not say: they are usual for small sensors with global or
     rolling shutter.
 
-    Several ``shots`` are equal to one picture in time: all have the same exposure and gain, and
-    together last no longer than one picture may, so each at most ``longest_exposure / shots``.
-    Every shot is read out and rounded by itself: n shots of dim light that is the same in all have
-    the shot noise of one picture together, and n times its read noise. Each has the full well for
-    itself: where one picture would saturate before its time is over, shots gather more light.
+    Several ``shots`` are equal to one picture in exposure: all have the same, and together they
+    last as long as one picture would, which ends where the brightest shot's light alone would
+    saturate it, or after ``longest_exposure``. So each has one n-th of the time, n times the gain,
+    and is read out and rounded by itself: n shots of light that is the same in all have the shot
+    noise of one picture together, and n times the variance of its read noise.
 
     Arguments:
         read_noise: in counts at gain 1.
@@ -84,12 +84,7 @@ class CameraModel:
     def _exposures(self) -> str:
         if self.shots == 1:
             return "exposures of up to"
-        return f"{self.shots} shots whose exposures together last up to"
-
-    @property
-    def longest_shot(self) -> float:
-        """The longest exposure of one shot, in units of the scene's own."""
-        return self.longest_exposure / self.shots
+        return f"{self.shots} shots that together last as long as one picture, up to"
 
     @property
     def step(self) -> float:
@@ -126,13 +121,14 @@ class CameraModel:
         decides = np.argpartition(counts, rank, axis=-1)[..., rank]
         brightest = np.take_along_axis(counts, decides[..., None], axis=-1)[..., 0]
         lit = brightest > 0.0
-        factor = np.where(lit, FULL_SCALE / np.where(lit, brightest, 1.0), 1.0)
-        gain = np.maximum(factor / self.longest_shot, 1.0)
+        full = np.where(lit, FULL_SCALE / np.where(lit, brightest, 1.0), 1.0)
+        time = np.minimum(full, self.longest_exposure) / self.shots
+        factor, gain = full, full / time
         if self.gains:
             # The least that is enough; what is darker than the greatest allows stays dark.
             steps = np.array(self.gains)
             gain = steps[np.minimum(np.searchsorted(steps, gain * (1 - 1e-12)), len(steps) - 1)]
-            factor = np.minimum(factor, gain * self.longest_shot)
+            factor = np.minimum(full, gain * time)
         return factor, gain, decides
 
     def _noise(self, counts: Array, gain: Array | float) -> Array:

@@ -25,7 +25,9 @@ def test_together_they_last_no_longer_than_one_picture_may(shots: int) -> None:
     factor, gain, _ = camera.exposed(np.full((1, 9), 10.0))
     assert shots * factor[0] / gain[0] == pytest.approx(2.0)
     assert CameraModel.of(load_scene("digit").with_(camera_shots=shots)).shots == shots
-    assert f"{shots} shots whose exposures together last up to 2 times" in camera.sentence
+    assert (
+        f"{shots} shots that together last as long as one picture, up to 2 times" in camera.sentence
+    )
 
 
 @pytest.mark.parametrize("read_noise", [0.0, 3.0])
@@ -62,10 +64,45 @@ def test_the_same_light_in_all_shots_reads_as_one_picture_of_equal_exposure(
         noisy = replace(DIM, read_noise=1.0)
         (more,) = kind(finger20, replace(noisy, shots=shots)).degrees(twice(colors, shots))
         assert more > 1.02 * kind(finger20, noisy).degrees(colors)[0]
-        # Where time is left, shots of a full well each gather more light.
+        # So it is where one picture would saturate before the time is over.
         long = replace(DIM, longest_exposure=100.0)
-        (bright,) = kind(finger20, replace(long, shots=shots)).degrees(twice(colors, shots))
-        assert bright < kind(finger20, long).degrees(colors)[0]
+        (bright,) = kind(finger20, long).degrees(colors)
+        (parts,) = kind(finger20, replace(long, shots=shots)).degrees(twice(colors, shots))
+        assert parts == pytest.approx(bright, rel=2e-3)
+        assert bright < 0.5 * alone
+
+
+@pytest.mark.parametrize("longest", [0.05, 100.0])
+def test_the_camera_of_a_scene_takes_the_same_light_in_all_shots_as_one_picture(
+    longest: float, finger20: Scene
+) -> None:
+    colors = lambertian(finger20, 0.6)
+    for shots in (1, 2, 3):
+        camera = CameraModel(longest_exposure=longest, shots=shots)
+        factor, gain, _ = camera.exposed(twice(colors, shots).reshape(-1))
+        time = shots * factor / gain
+        assert time == pytest.approx(min(255.0 / colors.max(), longest), rel=0.02)
+        # Without a gain of its own a shot is as dark as a part of one picture.
+        plain = replace(camera, gains=(1.0,))
+        darker, one, _ = plain.exposed(twice(colors, shots).reshape(-1))
+        assert (one, darker) == (1.0, pytest.approx(time / shots))
+
+
+@pytest.mark.parametrize("gains", [(), (1.0,)])
+@pytest.mark.parametrize("longest", [0.5, 100.0])
+@pytest.mark.parametrize("kind", [SensorError, PlaceError])
+def test_slopes_of_shots_are_those_of_differences_at_their_own_exposure(
+    kind: type, longest: float, gains: tuple[float, ...], finger20: Scene
+) -> None:
+    camera = CameraModel(longest_exposure=longest, gains=gains, shots=2)
+    rng, error = np.random.default_rng(3), kind(finger20, camera)
+    colors = twice(lambertian(finger20, 0.6), 2)
+    colors = colors * rng.uniform(0.7, 1.0, colors.shape)
+    value, slopes = error.slopes(colors)
+    assert value == pytest.approx(error.degrees(colors[None])[0])
+    step = 1e-4 * rng.standard_normal(colors.shape) * colors
+    up, down = error.degrees(np.stack([colors + step, colors - step]))
+    assert 2.0 * (slopes * step).sum() == pytest.approx(up - down, rel=0.08, abs=1e-8)
 
 
 def test_readers_of_drawn_pictures_agree_that_it_is_one_picture(finger20: Scene) -> None:
