@@ -52,7 +52,8 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
 
     The 99.5th percentile of its counts at the least bend is 230, and both terms of eq. (4.6) weigh
     equally over all bends. Where all LEDs look alike but for brightness, as to a camera of one
-    channel, or where one lamp lights everything, hue says nothing and lambda is 0. Constraints,
+    channel, or where one lamp lights everything, hue says nothing and lambda is 0; so where they
+    look alike in each of several shots and the baseline shines alike in all. Constraints,
     tolerances and free ranges change nothing, as they have no part in the hash.
 
     Raises:
@@ -73,7 +74,8 @@ def scene_scale(scene: Scene, config: MetricConfig = THESIS) -> ScoreScale:
             transport, _ = preview.transport(ahead, np.array(scene.state_axis))
     bend0 = int(np.argmin(scene.state_axis))
     power = baseline_power(scene)
-    one_hue = scene.palette.one_hue or scene.lamp_count == 1
+    alike = scene.palette.one_shot.one_hue and np.linalg.matrix_rank(power) == 1
+    one_hue = bool(alike) or scene.lamp_count == 1
     return scale_of(transport[:, 0], power, bend0, config, one_hue=one_hue)
 
 

@@ -192,8 +192,7 @@ def one_hue_advice(scene: Scene) -> str:
         why = "the camera has one channel"
     return (
         f"{why} and sees all lamps at once, so brightness alone tells normals: take a picture for "
-        "each group of lamps, each a channel (docs/scenes.md, shots), or LEDs and a camera of "
-        "several colors"
+        "each group of lamps (docs/scenes.md, shots), or LEDs and a camera of several colors"
     )
 
 
@@ -232,7 +231,7 @@ def limit_sentences(scene: Scene) -> Iterator[str]:
     if len(holder.least):
         yield holder.sentence
     if scene.constraints is not None:
-        yield from scene.constraints.sentences(scene.palette)
+        yield from scene.constraints.sentences(scene.palette.one_shot)
     if scene.search is not None:
         yield from scene.search.sentences()
 

@@ -250,6 +250,20 @@ class MaterialSpace:
         return np.asarray(scale[:, None] * self.exponents.T * powers)
 
 
+def check_one_shot(scene: Scene) -> None:
+    """Refuse a scene of several shots: its channels are one camera's, seen several times.
+
+    Raises:
+        CalibrationError: says which key, and what fits.
+    """
+    if scene.palette.shots > 1:
+        raise CalibrationError(
+            f"camera.shots = {scene.palette.shots} of {scene.name}, allowed: 1 to calibrate; leave "
+            "the key out of the scene file, photographs of single pictures tell all",
+            field="camera.shots",
+        )
+
+
 def material_space(scene: Scene) -> MaterialSpace:
     """Return what is fitted for ``scene``.
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from hw.camera.full_scale import FULL_SCALE, check_saturation
 from hw.camera.opencv_camera import CameraDevice
 from hw.errors import CaptureError
-from hw.leds.fiber_lights import FiberLights, sweep
+from hw.leds.fiber_lights import FiberLights, one_by_one
 from render.arrays import Array
 from render.progress import Clock, OnProgress
+from render.scene import RGB, Palette
 
 DARK_FRAMES = 32
 """Photographs that are averaged for a dark frame: its noise is in everything else."""
@@ -92,10 +93,27 @@ class PhotoSet:
         return np.stack([seen.get(fiber, dark) for fiber in range(len(lit))])
 
 
+def take_shots(
+    camera: CameraDevice, lights: FiberLights, shots: Array, frames: int = 1, settle: float = 0.0
+) -> Array:
+    """Return one picture ``(row, column, shot's channel)``: each shot under lights of its own.
+
+    ``shots`` ``(shot, fiber, LED)`` are the powers in [0, 1]. Lights are set, ``settle`` seconds
+    pass, and ``frames`` photographs are taken and averaged; then comes the next shot.
+    """
+    taken = []
+    for power in shots:
+        lights.set(power)
+        lights.hold(settle)
+        taken.append(camera.capture(frames))
+    return np.concatenate(taken, axis=-1)
+
+
 def take_sweep(
     camera: CameraDevice,
     lights: FiberLights,
     power: Array,
+    palette: Palette = RGB,
     *,
     frames: int = 1,
     settle: float = 0.1,
@@ -106,23 +124,27 @@ def take_sweep(
     """Return photographs by name as a folder would hold them.
 
     Each is counts ``(row, column, channel)``. Fibers without ``power`` ``(fiber, color)`` in [0, 1]
-    are left out; ``together`` also photographs all at once. ``frames`` are averaged, ``settle``
-    seconds after a light was set; ``prepare``, a dewarp for example, comes first.
+    are left out; ``together`` also photographs all at once. ``palette`` says in which shots colors
+    shine, see `take_shots`. ``prepare``, a dewarp for example, comes first.
     """
     lights.off()
     lights.hold(settle)
     total = int((power.max(axis=1) > 0).sum()) + 1 + together
-    photos = {"dark": prepare(camera.capture(DARK_FRAMES))}
+
+    def taken(drive: Array) -> Array:
+        return prepare(take_shots(camera, lights, palette.in_shots(drive), frames, settle))
+
+    dark = camera.capture(DARK_FRAMES)
+    photos = {"dark": prepare(np.concatenate([dark] * palette.shots, axis=-1))}
     check_dark(photos["dark"], "the dark frame")
     if together:
-        lights.set(power)
-        lights.hold(settle)
-        photos["all"] = prepare(camera.capture(frames))
+        photos["all"] = taken(power)
     clock = Clock(total, progress)
     clock.skip(len(photos))
-    for fiber in sweep(lights, power, settle):
-        photos[f"fiber-{fiber:02d}"] = prepare(camera.capture(frames))
+    for fiber, alone in one_by_one(power):
+        photos[f"fiber-{fiber:02d}"] = taken(alone)
         clock.tick()
+    lights.off()
     return photos
 
 

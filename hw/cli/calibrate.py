@@ -57,13 +57,14 @@ def run(
     """Fit material, powers and gains to photographs of single fibers."""
     import numpy as np
 
-    from hw.calibration.material import material_space
+    from hw.calibration.material import check_one_shot, material_space
     from hw.errors import CalibrationError
     from optimize.ui.output import check_target
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
+        check_one_shot(scene)
         material_space(scene)
         if scene.bending.rigid == (bent is not None):
             raise CalibrationError(

@@ -59,7 +59,7 @@ def run(
         locked = LockedSettings(exposure, gain, white_balance)
         only = None
         if white is not None or color is not None:
-            only = only_light(white, color, scene.palette.names)
+            only = only_light(white, color, scene.palette.one_shot.names)
         photos = sweep_photos(scene, design, camera, wiring, lens, locked, frames, only)
         save_photos(photos, out, dewarped=lens is not None)
         stream.write(f"{len(photos)} photographs: {out}\n")
@@ -77,7 +77,7 @@ def sweep_photos(
 ) -> dict[str, Array]:
     """Return the photographs of a sweep, after the self-tests.
 
-    ``only`` ``(color,)`` is the light of every fiber instead of the design's.
+    ``only`` ``(LED,)`` is the light of every fiber instead of the design's, in all shots.
     """
     import numpy as np
 
@@ -88,22 +88,24 @@ def sweep_photos(
     from hw.camera.self_test import self_test
 
     prepare = Dewarp(load_lens(lens), scene) if lens else np.asarray
-    power = design.drive * wiring.scale
+    power, palette = design.drive * wiring.scale, scene.palette
     if only is not None:
-        power = np.any(design.drive, axis=1)[:, None] * only
+        power = np.zeros(design.drive.shape)
+        power[np.any(design.drive, axis=1), : palette.led_count] = only
     with (
-        closing(OpenCVCamera(source, locked, channels=len(scene.palette.channels))) as camera,
-        wiring.lights(*design.drive.shape) as lights,
+        closing(OpenCVCamera(source, locked, channels=len(palette.one_shot.channels))) as camera,
+        wiring.lights(len(design.phi), palette.led_count) as lights,
         ProgressBar("Photographing") as bar,
     ):
         first = prepare(camera.capture())
         check_photo(first, scene.camera.rows, scene.camera.columns, "the photograph")
-        self_test(camera, lights, TEST_LEVEL * wiring.scale, SETTLE, scene.palette)
+        self_test(camera, lights, TEST_LEVEL * wiring.scale, SETTLE, palette.one_shot)
         # All fibers in all colors at once would draw several times what the design does.
         return take_sweep(
             camera,
             lights,
             power,
+            palette,
             frames=frames,
             settle=SETTLE,
             together=only is None,

@@ -50,7 +50,7 @@ def run(
 
     from hw.calibration.calibration import Sweeps, calibrate_sets
     from hw.calibration.line_model import surrogate_correction
-    from hw.calibration.material import material_space
+    from hw.calibration.material import check_one_shot, material_space
     from hw.calibration.reference_lines import Setup
     from hw.emulator.demonstration import (
         calibration_bends,
@@ -75,6 +75,7 @@ def run(
         if keep is not None:
             check_target(keep / "commission")
         if calibrate:
+            check_one_shot(scene)
             material_space(scene)
         elif scene.diffuser is not None:
             # Behind it, lamps are drawn for one albedo after the other.

@@ -42,7 +42,7 @@ def run(
 
     with reserved_stdout() as stream:
         scene = load_scene(scene_name)
-        names = scene.palette.names
+        names = scene.palette.one_shot.names
         leds = leds or scene.lamp_count * leds_per_fiber(len(names))
         states = states_of(protocol)
         if state and state not in states:

@@ -17,6 +17,7 @@ from render.progress import Progress
 if TYPE_CHECKING:
     from optimize.design.design_file import DesignFile
     from render.arrays import Array
+    from render.scene import Palette
 
 Fiber = Annotated[int | None, Option(min=0, help="Light this fiber alone (default: all).")]
 UNTOLD_LEDS = 64
@@ -45,6 +46,7 @@ def set_lights(
     wiring: Wiring,
     fiber: Fiber = None,
     calibration: Calibrated = None,
+    shot: Annotated[int, Option(help="Which shot of a design of several to show.")] = 1,
     seconds: Annotated[
         float | None, Option(min=0.0, help="How long (default: until Ctrl-C).")
     ] = None,
@@ -55,8 +57,8 @@ def set_lights(
     with reserved_stdout() as stream:
         file = load_design_file(path)
         design, drive = file.design, _drive(file, path, calibration)
-        with wiring.lights(*design.drive.shape) as lights:
-            power = only(fiber, drive * wiring.scale)
+        power = only(fiber, in_shot(shot, design.palette, drive * wiring.scale))
+        with wiring.lights(*power.shape) as lights:
             lights.set(power)
             ends = "until Ctrl-C" if seconds is None else f"for {seconds:g} s"
             lit, unread = ("lit", "") if not lights.board.unread else (
@@ -85,10 +87,11 @@ def sweep_lights(
     with reserved_stdout() as stream:
         file = load_design_file(path)
         design, drive = file.design, _drive(file, path, calibration)
-        with wiring.lights(*design.drive.shape) as lights, ProgressBar("Sweeping") as bar:
-            names = design.color_names
-            for done, fiber in enumerate(sweep(lights, drive * wiring.scale, seconds)):
-                led = lights.channels.led(fiber, int(design.colors[fiber]))
+        names, palette = design.color_names, design.palette
+        power = palette.in_shots(drive * wiring.scale).max(axis=0)
+        with wiring.lights(*power.shape) as lights, ProgressBar("Sweeping") as bar:
+            for done, fiber in enumerate(sweep(lights, power, seconds)):
+                led = lights.channels.led(fiber, int(palette.led[design.colors[fiber]]))
                 stream.write(f"fiber {fiber}, LED {led}: {names[fiber]}\n")
                 stream.flush()
                 bar(Progress(done + 1, _lit(design.drive)))
@@ -129,6 +132,26 @@ def _drive(file: DesignFile, path: Path, calibration: Path | None) -> Array:
         return power
     note(f"Powers are evened out by {found.path}: all fibers dimmed to the weakest.")
     return found.evened(power)
+
+
+def in_shot(shot: int, palette: Palette, drive: Array) -> Array:
+    """Return the power ``(fiber, LED)`` of ``drive`` ``(fiber, color)`` in one shot, from 1 on.
+
+    Raises:
+        PowerError: there is no such shot.
+    """
+    from hw.errors import PowerError
+
+    if not 1 <= shot <= palette.shots:
+        raise PowerError(
+            f"--shot {shot} of a design with {palette.shots} shot{'s' * (palette.shots > 1)}, "
+            f"allowed: 1{f' to {palette.shots}' * (palette.shots > 1)}",
+            field="shot",
+        )
+    if palette.shots > 1:
+        note(f"Shot {shot} of {palette.shots}: --shot shows another.")
+    power: Array = palette.in_shots(drive)[shot - 1]
+    return power
 
 
 def only(fiber: int | None, power: Array) -> Array:

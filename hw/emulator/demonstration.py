@@ -94,7 +94,10 @@ class EmulatedRig:
         together: bool = False,
     ) -> PhotoSet:
         """Return a sweep, which is also kept under its name."""
-        taken = take_sweep(camera, self.lights, power, frames=frames, settle=0.0, together=together)
+        palette = self.scene.palette
+        taken = take_sweep(
+            camera, self.lights, power, palette, frames=frames, settle=0.0, together=together
+        )
         if self.keep is not None:
             save_photos(taken, self.keep / name.replace(" ", "-"))
         return photo_set(taken)
@@ -120,7 +123,8 @@ class EmulatedRig:
 
     def additive_set(self) -> PhotoSet:
         """Return a dim sweep of all LEDs and all fibers together, which tests linearity."""
-        power = np.full(self.design.drive.shape, self.dim_power())
+        power = np.zeros(self.design.drive.shape)
+        power[:, : self.scene.palette.led_count] = self.dim_power()
         return self.photos("additive", self.camera(0), power, together=True)
 
     def dim_power(self) -> float:
@@ -145,7 +149,7 @@ def switched_on(
 
     Arguments are those of `EmulatedRig`.
     """
-    channels = ChannelMap.straight(scene.lamp_count, colors=len(scene.palette.names))
+    channels = ChannelMap.straight(scene.lamp_count, colors=scene.palette.led_count)
     leds = channels.needed
     # What all LEDs of the board draw.
     supply = PowerLimits(total_milliamperes=3 * leds * FULL_MILLIAMPERES)
@@ -202,11 +206,13 @@ def render_rig(
 def set_and_sweep(rig: EmulatedRig) -> None:
     """Show the design on the rig's board, then one fiber after the other, and test the camera."""
     note(f"Emulated LED board on {rig.board.port}; setting the design, then sweeping")
-    rig.lights.set(rig.design.drive)
-    if not rig.board.wait_for(rig.lights.channels.levels(rig.design.drive, rig.lights.limits)):
-        raise AssertionError("the board does not show the design")
-    lit = list(sweep(rig.lights, rig.design.drive))
-    self_test(rig.camera(), rig.lights, rig.dim_power(), 0.0, rig.scene.palette)
+    shots = rig.scene.palette.in_shots(rig.design.drive)
+    for shot in shots:
+        rig.lights.set(shot)
+        if not rig.board.wait_for(rig.lights.channels.levels(shot, rig.lights.limits)):
+            raise AssertionError("the board does not show the design")
+    lit = list(sweep(rig.lights, shots.max(axis=0)))
+    self_test(rig.camera(), rig.lights, rig.dim_power(), 0.0, rig.scene.palette.one_shot)
     note(f"  {len(lit)} fibers lit one after the other; dark frame and channel order are right")
 
 

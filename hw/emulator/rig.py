@@ -67,7 +67,7 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     Of a clear pad, the roughness of lit faces lies within 0.15, the albedo within 0.3. Lamps that
     cannot turn point as the scene says.
     """
-    rng = np.random.default_rng([seed, 77])
+    rng, palette = np.random.default_rng([seed, 77]), scene.palette.one_shot
     unit = rng.uniform(-1, 1, 4)
     material = _random_material(
         scene, np.append(unit, np.random.default_rng([seed, 79]).uniform(-1, 1))
@@ -75,9 +75,9 @@ def random_parameters(scene: Scene, seed: int) -> TrueParameters:
     imperfections = CameraImperfections(
         vignetting=float(rng.uniform(0.0, 0.2)),
         tilt=tuple(float(x) for x in np.radians(rng.uniform(-0.5, 0.5, 3))),  # type: ignore[arg-type]
-        gain=tuple(rng.uniform(0.85, 1.0, len(scene.palette.channels)).tolist()),
-        leak=_random_leak(scene.palette, seed),
-        seen=scene.palette.response,
+        gain=tuple(rng.uniform(0.85, 1.0, len(palette.channels)).tolist()),
+        leak=_random_leak(palette, seed),
+        seen=palette.response,
     )
     fibers = scene.lamp_count
     return TrueParameters(

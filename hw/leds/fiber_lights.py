@@ -141,10 +141,16 @@ def sweep(lights: FiberLights, power: Array, settle: float = 0.0) -> Iterator[in
 
     ``settle`` is seconds between setting a light and yielding, for the camera's sake.
     """
-    for fiber in np.nonzero(np.asarray(power).max(axis=1) > 0)[0]:
-        alone = np.zeros_like(power)
-        alone[fiber] = power[fiber]
+    for fiber, alone in one_by_one(power):
         lights.set(alone)
         lights.hold(settle)
-        yield int(fiber)
+        yield fiber
     lights.off()
+
+
+def one_by_one(power: Array) -> Iterator[tuple[int, Array]]:
+    """Yield each fiber that has some of ``power`` ``(fiber, color)``, and its part alone."""
+    for fiber in np.flatnonzero(np.asarray(power).max(axis=1) > 0).tolist():
+        alone = np.zeros_like(power)
+        alone[fiber] = power[fiber]
+        yield fiber, alone

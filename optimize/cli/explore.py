@@ -34,6 +34,9 @@ def run(
     lamps: Annotated[
         int | None, Option(min=1, help="At most so many lit (default: as the scene says).")
     ] = None,
+    shots: Annotated[
+        int | None, Option(min=1, help="Pictures one after the other (default: as the scene says).")
+    ] = None,
     robust: Annotated[
         Literal["quantile", "spread"] | None,
         Option(help="S against the scene's tolerances: lower 10 % quantile, or mean - spread."),
@@ -58,7 +61,7 @@ def run(
         from optimize.dimensions.vary_command import explore_dimensions
 
         refused = {"--model": model, "--robust": robust, "--shadow": shadow}
-        refused |= {"--place": place or None, "--lamps": lamps}
+        refused |= {"--place": place or None, "--lamps": lamps, "--shots": shots}
         return explore_dimensions(
             scene_name,
             vary or [],
@@ -91,8 +94,8 @@ def run(
         scene = load_scene(scene_name)
         own_name = scene.name
         place = place or bool(scene.search and scene.search.places)
-        if place or lamps is not None:
-            scene = searched_scene(scene, place=place, lamps=lamps)
+        if place or lamps is not None or shots is not None:
+            scene = searched_scene(scene, place=place, lamps=lamps, shots=shots)
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)

@@ -166,7 +166,7 @@ def run(
             content = _data(path, {**arrays, "exposure": exposure})
         else:
             counts = light[:, turned] * exposure
-            content = _encoded(path, counts @ scene.palette.display / THESIS.count_max)
+            content = _encoded(path, scene.palette.shown(counts / THESIS.count_max))
         write_result(path, content)
         stream.write(f"{path}\n")
 

@@ -56,6 +56,15 @@ class Design:
                     f"{name}{list(place)} = {values[place]:g}, allowed: {limit}", field=name
                 )
 
+        shots = self.palette.in_shots(self.drive).max(axis=-1)
+        if self.palette.shots > 1 and (shots > 1.0 + 1e-9).any():
+            shot, fiber = (int(i) for i in np.argwhere(shots > 1.0 + 1e-9)[0])
+            raise DesignError(
+                f"power[{fiber}] adds up to {shots[shot, fiber]:g} in shot {shot + 1}, allowed: 0 "
+                "to 1 of each LED",
+                field="power",
+            )
+
     @classmethod
     def of_colors(
         cls, phi: Array, colors: Sequence[int] | Colors, palette: Palette = RGB
@@ -146,7 +155,7 @@ class Design:
 
         A single lamp has no choice, and its hue no weight.
         """
-        choice = not self.palette.one_hue and len(self.phi) > 1
+        choice = not self.palette.one_shot.one_hue and len(self.phi) > 1
         return choice and len(set(self.colors.tolist())) == 1
 
 

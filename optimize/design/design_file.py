@@ -41,6 +41,7 @@ from render.levels import EARLIER, Effort, Level, read_level
 from render.metric import MetricConfig, current_conventions
 from render.refused_values import did_you_mean, in_json, problem_sentence, value_place
 from render.scene import OFF, RGB, Palette, Scene, as_scene, load_scene
+from render.scene.colors import MOST_SHOTS, with_shots
 
 Angle = Annotated[float, Field(ge=0.0, le=180.0)]
 Power = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -84,13 +85,20 @@ class _Palette(BaseModel):
     channels: Annotated[list[str], Field(min_length=1)]
     response: list[list[Power]]
     inks: list[str]
+    shots: Annotated[int, Field(ge=1, le=MOST_SHOTS)] = 1
 
     def in_memory(self) -> Palette:
         """Return the palette itself."""
         response = tuple(map(tuple, self.response))
-        palette = Palette(tuple(self.names), response, tuple(self.channels), tuple(self.inks))
+        names, channels, inks = tuple(self.names), tuple(self.channels), tuple(self.inks)
+        palette = Palette(names, response, channels, inks, self.shots)
         if len(response) != len(self.names) or len(self.inks) != len(self.names):
             raise ValueError("palette: names, response and inks need one entry per LED")
+        if self.shots > 1 and palette != with_shots(palette.one_shot, self.shots):
+            raise ValueError(
+                f"palette: names, channels and response are not those of {self.shots} shots of one "
+                "picture, allowed: as tactilux writes them"
+            )
         for problem in palette.problems():
             raise ValueError(f"palette: {problem}")
         return palette
@@ -306,7 +314,8 @@ def palette_in_file(palette: Palette) -> dict[str, Any]:
     if palette == RGB:
         return {}
     fields = ("names", "channels", "response", "inks")
-    return {"palette": {name: np.array(getattr(palette, name)).tolist() for name in fields}}
+    lists = {name: np.array(getattr(palette, name)).tolist() for name in fields}
+    return {"palette": lists | ({"shots": palette.shots} if palette.shots > 1 else {})}
 
 
 def _rating_to_json(rating: Rating | None) -> dict[str, Any]:

@@ -26,7 +26,8 @@ class SearchLimits:
     Arguments:
         allowed: ``(F, choice)`` which colors each fiber may have; the last choice is off where
             that is one.
-        led_counts: ``(choice,)`` LEDs of each color, which is the most fibers that may have it.
+        led_counts: ``(LED,)`` how many there are of each type, which is the most fibers that may
+            have one, in whatever shots; last, where off is a choice, those that may be off.
         led_power: ``(color,)`` power of an LED that is on.
         low, high: ``(F, interval)`` rad, allowed directions; unused intervals repeat the last.
         step: rad between directions, counted from 0; 0 for none. Fixed directions need not fit.
@@ -65,7 +66,7 @@ class SearchLimits:
     @property
     def colors_alike(self) -> bool:
         """Whether exchanging two colors in all fibers keeps every coloring allowed."""
-        counts = self.led_counts[: len(self.palette.names)]
+        counts = self.led_counts[: self.palette.led_count]
         return bool(self.allowed.all() and (counts == counts[0]).all())
 
     @property
@@ -87,9 +88,15 @@ class SearchLimits:
             permitted &= (chosen != DARK).all(axis=1)
         if self.most_lit is not None:
             permitted &= (chosen != DARK).sum(axis=1) <= self.most_lit
-        names = range(len(self.palette.names))
-        used = np.stack([(chosen == c).sum(axis=1) for c in names], axis=1)
-        return np.asarray(permitted & (used <= self.led_counts[: len(names)]).all(axis=1))
+        leds, count = np.append(self.palette.led, DARK)[chosen], self.palette.led_count
+        used = np.stack([(leds == led).sum(axis=1) for led in range(count)], axis=1)
+        return np.asarray(permitted & (used <= self.led_counts[:count]).all(axis=1))
+
+    @property
+    def led(self) -> Colors:
+        """What of ``led_counts`` each choice takes one of, ``(choice,)``."""
+        off = [self.palette.led_count] * self.may_be_off
+        return np.append(self.palette.led, off).astype(np.int64)
 
     def nearest_colors(self, preference: Array) -> Colors:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
@@ -102,17 +109,21 @@ class SearchLimits:
         """
         from scipy.optimize import linear_sum_assignment
 
-        choices = np.arange(self.allowed.shape[1])
-        slots = np.repeat(choices, np.minimum(self.led_counts, len(self.allowed)))
-        cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
+        each = np.where(self.allowed, -preference, FORBIDDEN)
+        # Of the colors that one LED gives, a fiber takes the one that it prefers.
+        of_led = [np.flatnonzero(self.led == led) for led in range(len(self.led_counts))]
+        best = np.stack([own[each[:, own].argmin(axis=1)] for own in of_led], axis=1)
+        slots = np.repeat(np.arange(len(of_led)), np.minimum(self.led_counts, len(self.allowed)))
+        cost = np.take_along_axis(each, best, axis=1)[:, slots]
         if self.most_lit is not None:
-            leds = slots < len(self.palette.names)
+            leds = slots < self.palette.led_count
             absent = max(int(leds.sum()) - self.most_lit, 0)
             cost = np.vstack([cost, np.tile(np.where(leds, 0.0, FORBIDDEN), (absent, 1))])
         if cost.shape[1] >= len(cost):
             row, column = linear_sum_assignment(cost)
             if cost[row, column].max() < FORBIDDEN:
-                return self.colors_of(slots[column[: len(self.allowed)]])
+                fibers = np.arange(len(self.allowed))
+                return self.colors_of(best[fibers, slots[column[: len(fibers)]]])
         raise DesignError(
             "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
             "per color",
@@ -199,7 +210,7 @@ def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> Sear
     choices = len(palette.names) + off
     return SearchLimits(
         allowed=np.ones((fibers, choices), dtype=bool),
-        led_counts=np.full(choices, fibers, dtype=np.int64),
+        led_counts=np.full(palette.led_count + off, fibers, dtype=np.int64),
         led_power=np.ones(len(palette.names)),
         low=np.zeros((fibers, 1)),
         high=np.full((fibers, 1), math.pi),
@@ -236,8 +247,9 @@ def limits_of(scene: Scene) -> SearchLimits:
         allowed[:, -1] = False
     for entry in given.fixed:
         if entry.color is not None:
-            choices, wanted = np.arange(allowed.shape[1]), palette.index(entry.color)
-            allowed[entry.fiber] = free.colors_of(choices) == wanted
+            # A fixed lamp has its LED, which may shine in any of the shots.
+            wanted = palette.index(entry.color) % len(free.led_counts)
+            allowed[entry.fiber] = free.led == wanted
     intervals = [
         given.intervals(fiber) if turns else [(straight, straight)]
         for fiber, turns in enumerate(scene.turning)
@@ -245,12 +257,14 @@ def limits_of(scene: Scene) -> SearchLimits:
     size = max(map(len, intervals))
     padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
     led_counts = free.led_counts.copy()
-    led_counts[: len(palette.names)] = given.max_counts(palette, fibers)
+    led_counts[: palette.led_count] = given.max_counts(palette.one_shot, fibers)
     limits = replace(
         free,
         allowed=allowed,
         led_counts=led_counts,
-        led_power=np.array([given.of_color(name).power for name in palette.names]),
+        led_power=np.array([given.of_color(name).power for name in palette.one_shot.names])[
+            palette.led
+        ],
         low=padded[..., 0],
         high=padded[..., 1],
         step=given.angle_step or 0.0,

@@ -18,6 +18,8 @@ from render.scene.scene_file import written_of
 
 MOST_VALUES, MOST_SENSORS = 64, 4096
 """Values of one dimension, and combinations of all that are looked at."""
+UNSAID = {"camera.shots": (1, "")}
+"""Numbers, with their units, that a file says by leaving them out; schema 1 has none of them."""
 MEASURES = (
     "schema", "name", "colors", "sites", "indenter", "bending", "states", "baseline", "constraints",
     "tolerances", "free",
@@ -55,7 +57,8 @@ class Dimension:
     def changes(self, value: float) -> dict[str, Any]:
         """Return what `Scene.with_` takes for the value."""
         if isinstance(self.present, int):
-            return dict.fromkeys(self.places, int(value))
+            newer = {"schema": 2} if UNSAID.keys() & {*self.places} else {}
+            return newer | dict.fromkeys(self.places, int(value))
         return {place: {"value": value, "source": SOURCE} for place in self.places}
 
 
@@ -131,7 +134,7 @@ def numbers_of(scene: Scene) -> dict[str, tuple[float, str]]:
         SceneError: the scene was made in memory from another one.
     """
     content = written_of(scene).content
-    return {
+    return UNSAID | {
         key: found
         for name, part in content.items()
         if name not in MEASURES

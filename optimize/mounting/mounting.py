@@ -85,7 +85,9 @@ class MountedFiber:
     to the tip on the sides and to the right on the tip edge; ``found_deg`` is what the search
     chose. ``tilt_deg`` leads out of the plane, towards the coating if positive. ``channel`` counts
     the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`. ``level`` is what
-    the board is told, 0 to 255, in proportion to the power.
+    the board is told, 0 to 255, in proportion to the power. ``levels`` are those of each shot;
+    ``color``, ``power`` and current are of the LED where it shines. The CSV has ``shot_1`` and so
+    on in their place, where there are several.
     """
 
     fiber: int
@@ -108,6 +110,7 @@ class MountedFiber:
     level: int
     led: int
     channel: int | None
+    levels: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,9 @@ class Mounting:
 
     @property
     def current(self) -> float:
-        """What all LEDs together draw, mA."""
-        return sum(fiber.current_ma for fiber in self.fibers)
+        """What all LEDs together draw, mA; in the shot that draws most."""
+        drive = self.design.palette.in_shots(self.design.drive)
+        return float(drive.sum(axis=(1, 2)).max()) * FULL_MILLIAMPERES
 
     @property
     def colors_exchange(self) -> bool:
@@ -188,6 +192,10 @@ def wiring_csv(mounting: Mounting) -> str:
     """Return the wiring sheet as CSV, one row per fiber under the names of `MountedFiber`."""
     stream = io.StringIO()
     rows = [asdict(fiber) for fiber in mounting.fibers]
+    for row in rows:
+        levels = row.pop("levels")
+        if len(levels) > 1:
+            row |= {f"shot_{shot}": level for shot, level in enumerate(levels, start=1)}
     writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
@@ -203,15 +211,18 @@ def _rounded(scene: Scene, design: Design, step: float) -> Design:
 def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[MountedFiber, ...]:
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
     beams, empty = poses.directions(design.phi), empty_places(scene, design)
+    palette, leds = design.palette, design.palette.one_shot.names
+    shots = palette.in_shots(design.drive).sum(axis=2)
     rows = []
-    for i, (edge, color) in enumerate(zip(fiber_edges(scene), design.color_names, strict=True)):
+    for i, (edge, number) in enumerate(zip(fiber_edges(scene), design.colors, strict=True)):
         if empty[i]:
             continue
         x, y, z = (round(float(v), 3) for v in poses.position[i])
         towards = [round(float(v), 4) + 0.0 for v in beams[i]]
         angle = round(float(np.degrees(design.phi[i])), 2)
-        power, color_index = float(design.drive[i].sum()), design.palette.index(color)
-        led, place = feeds.channel(i, max(color_index, 0), len(design.palette.names))
+        power, color_index = float(shots[:, i].max()), int(palette.led[max(number, 0)])
+        color = OFF if number == DARK else leds[color_index]
+        led, place = feeds.channel(i, color_index, palette.led_count)
         rows.append(
             MountedFiber(
                 fiber=i,
@@ -234,6 +245,7 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
                 level=round(FULL_LEVEL * power),
                 led=led,
                 channel=None if color == OFF else 3 * led + place,
+                levels=tuple(round(FULL_LEVEL * float(one)) for one in shots[:, i]),
             )
         )
     return tuple(rows)

@@ -207,5 +207,5 @@ def design_of(content: dict[str, Any]) -> Design:
     lists = content["palette"]
     response = tuple(map(tuple, lists["response"]))
     names, channels, inks = (tuple(lists[name]) for name in ("names", "channels", "inks"))
-    palette = Palette(names, response, channels, inks)
+    palette = Palette(names, response, channels, inks, lists.get("shots", 1))
     return Design(np.array(content["phi"]), np.array(content["drive"]), palette)

@@ -187,10 +187,11 @@ def _keep_powers(document: tomlkit.TOMLDocument, design: Design) -> None:
 def _power_of_colors(design: Design) -> dict[str, float] | None:
     """Return the power of every color that is lit, None where lamps of one color differ."""
     found: dict[str, float] = {}
+    names, led = design.palette.one_shot.names, design.palette.led
     for row, color in zip(design.drive, design.colors, strict=True):
         if color == DARK:
             continue
-        name, power = design.palette.names[color], round(float(row[color]), DIGITS)
+        name, power = names[led[color]], round(float(row[color]), DIGITS)
         if np.count_nonzero(row) > 1 or found.setdefault(name, power) != power:
             return None
     return found

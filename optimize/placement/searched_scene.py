@@ -24,12 +24,14 @@ from render.scene.schema.toml_document import (
     text_of,
 )
 
-PLACES = "-places"
-"""What the name of a scene ends with whose places are listed."""
+PLACES, SHOTS = "-places", "-shots"
+"""What the name of a scene ends with whose places are listed, or that takes other shots."""
 LONGEST_NAME = 64
 
 
-def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None) -> Scene:
+def searched_scene(
+    scene: Scene, *, place: bool = True, lamps: int | None = None, shots: int | None = None
+) -> Scene:
     """Return the scene of all designs that may be chosen, with a file of its own.
 
     Arguments:
@@ -38,6 +40,7 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
             lamps of its kind.
         lamps: at most so many lit; where no places are searched all colors stay free. By default
             as many as the scene says, or the baseline lights.
+        shots: pictures that are taken one after the other; as many as the scene says unless given.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
     its constraints say how many, or more lamps may be lit than the baseline lights.
@@ -59,16 +62,22 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
             option="" if lamps is None else "--lamps",
         )
     document = listed_document(scene)
+    if shots is not None and shots != scene.palette.shots:
+        document["camera"]["shots"] = shots
+        document["name"] = _named(scene.name, SHOTS)
     if candidates:
         _add_lamps(document, scene, candidates)
         _limit_colors(document, scene, lit, most)
-        name = scene.name.removesuffix(PLACES)[: LONGEST_NAME - len(PLACES)] + PLACES
-        document["name"] = name
+        document["name"] = _named(document["name"], PLACES)
     search = table_of(document, "search")
     search["lamps"] = most
     search.pop("places", None)
     folder = written_of(scene).folder
     return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
+
+
+def _named(name: str, end: str) -> str:
+    return name.removesuffix(end)[: LONGEST_NAME - len(end)] + end
 
 
 def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]:
@@ -117,7 +126,8 @@ def _limit_colors(
     """Say that lamps may be off, and how many of each color there are."""
     constraints, given = table_of(document, "constraints"), scene.constraints
     constraints["off"] = True
-    names = scene.palette.names
+    names, palette = scene.palette.one_shot.names, scene.palette
+    lit = [names[palette.led[palette.index(color)]] for color in lit]
     counted = given is not None and any(given.of_color(name).max is not None for name in names)
     if counted or most > len(lit):
         return

@@ -167,6 +167,7 @@ def reader_facts(scene: Scene, camera: CameraModel) -> dict[str, Any]:
             "rounding": camera.step**2 / 12.0,
             "saturated": camera.saturated,
             "longest": camera.longest_exposure,
+            "shots": camera.shots,
             "gains": list(camera.gains),
         },
         "sensor": {
@@ -195,20 +196,25 @@ def _flat(values: Array) -> list[float]:
 def palette_facts(palette: Palette) -> dict[str, Any]:
     """Return the LEDs: names, keys and inks, what channels see of them and screens show of these.
 
-    A letter is the first of the name, or the LED's number where others begin alike ("o" is off).
+    A letter is the first of the name, or the LED's number where others begin alike ("o" is off);
+    what shines in some shots alone has their numbers behind it.
     """
-    first = [name[0].upper() for name in palette.names]
+    first = [name[0].upper() for name in palette.one_shot.names]
     letters = [
         letter if first.count(letter) == 1 and letter != "O" else str(number)
         for number, letter in enumerate(first, start=1)
     ]
     return {
         "names": list(palette.names),
-        "letters": letters,
+        "shots": palette.shots,
+        "letters": [
+            letters[led] + name.partition("@")[2]
+            for name, led in zip(palette.names, palette.led.tolist(), strict=True)
+        ],
         "inks": list(palette.inks),
         "response": palette.matrix.tolist(),
         "display": palette.display.tolist(),
-        "oneHue": palette.one_hue,
+        "oneHue": palette.one_shot.one_hue,
     }
 
 
@@ -264,6 +270,7 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
     walls = {name: np.asarray(value).tolist() for name, value in asdict(holder).items()}
     return {
         "allowed": limits.allowed.tolist(),
+        "led": limits.led.tolist(),
         "counts": limits.led_counts.tolist(),
         "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
         "power": limits.led_power.tolist(),

@@ -25,14 +25,22 @@ class CameraModel:
     where a scene's ``[camera]`` does not say: they are usual for small sensors with global or
     rolling shutter.
 
+    Several ``shots`` are equal to one picture in exposure: all have the same, and together they
+    last as long as one picture would, which ends where the brightest shot's light alone would
+    saturate it, or after ``longest_exposure``. So each has one n-th of the time, n times the gain,
+    and is read out and rounded by itself: n shots of light that is the same in all have the shot
+    noise of one picture together, and n times the variance of its read noise.
+
     Arguments:
         read_noise: in counts at gain 1.
         full_well: photoelectrons at 255 counts and gain 1.
         bits: of the digits.
         saturated: fraction of channels of facets and untouched pad that may reach full scale.
-        longest_exposure: in units of the scene's own; what is darker takes gain.
+        longest_exposure: of all shots together, in units of the scene's own; what is darker takes
+            gain.
         gains: that it has, least first; any of at least 1 unless given.
         assumed: which of these nobody has stated.
+        shots: pictures that are taken one after the other.
     """
 
     read_noise: float = 1.0
@@ -42,6 +50,7 @@ class CameraModel:
     longest_exposure: float = 4.0
     gains: tuple[float, ...] = ()
     assumed: tuple[str, ...] = READ_BY_CAMERA
+    shots: int = 1
 
     @classmethod
     def of(cls, scene: Scene) -> CameraModel:
@@ -49,7 +58,7 @@ class CameraModel:
         said = {key: getattr(scene.camera, key) for key in READ_BY_CAMERA}
         if said["gains"] is not None:
             said["gains"] = tuple(sorted(said["gains"]))
-        return cls().stating(**said)
+        return cls(shots=scene.palette.shots).stating(**said)
 
     def stating(self, **fields: Any) -> CameraModel:
         """Return the camera with those ``fields`` that are not None."""
@@ -63,13 +72,19 @@ class CameraModel:
         gains = ", ".join(f"{gain:g}" for gain in self.gains) or "as needed"
         text = (
             f"Degrees are those of a camera with {self.read_noise:g} counts of read noise, "
-            f"{self.full_well:g} electrons at 255 counts, {self.bits} bits, exposures of up to "
-            f"{self.longest_exposure:g} times the scene's, gain {gains}, and "
+            f"{self.full_well:g} electrons at 255 counts, {self.bits} bits, "
+            f"{self._exposures} {self.longest_exposure:g} times the scene's, gain {gains}, and "
             f"{self.saturated:.3g} of all colors at full scale"
         )
         if not self.assumed:
             return f"{text}."
         return f"{text}; assumed, as [camera] does not say it: {', '.join(self.assumed)}."
+
+    @property
+    def _exposures(self) -> str:
+        if self.shots == 1:
+            return "exposures of up to"
+        return f"{self.shots} shots that together last as long as one picture, up to"
 
     @property
     def step(self) -> float:
@@ -99,20 +114,21 @@ class CameraModel:
         """Return factor and gain of a design's own exposure, and which count decides it.
 
         ``counts`` ``(..., n)`` are all channels of all facets and the untouched pad at the scene's
-        exposure. Exposure time is ``factor / gain`` times the scene's. All three have the shape
-        ``(...)``; a design without light keeps the scene's exposure.
+        exposure. The exposure time of a shot is ``factor / gain`` times the scene's. All three have
+        the shape ``(...)``; a design without light keeps the scene's exposure.
         """
         rank = int(np.ceil((1.0 - self.saturated) * counts.shape[-1])) - 1
         decides = np.argpartition(counts, rank, axis=-1)[..., rank]
         brightest = np.take_along_axis(counts, decides[..., None], axis=-1)[..., 0]
         lit = brightest > 0.0
-        factor = np.where(lit, FULL_SCALE / np.where(lit, brightest, 1.0), 1.0)
-        gain = np.maximum(factor / self.longest_exposure, 1.0)
+        full = np.where(lit, FULL_SCALE / np.where(lit, brightest, 1.0), 1.0)
+        time = np.minimum(full, self.longest_exposure) / self.shots
+        factor, gain = full, full / time
         if self.gains:
             # The least that is enough; what is darker than the greatest allows stays dark.
             steps = np.array(self.gains)
             gain = steps[np.minimum(np.searchsorted(steps, gain * (1 - 1e-12)), len(steps) - 1)]
-            factor = np.minimum(factor, gain * self.longest_exposure)
+            factor = np.minimum(full, gain * time)
         return factor, gain, decides
 
     def _noise(self, counts: Array, gain: Array | float) -> Array:

@@ -66,11 +66,13 @@ class ExpectedError(ABC):
         with one_thread():
             degrees, by_exposed, by_gain = self.exposed_slopes(factor[0] * counts[None], gain)
         by_factor = float((by_exposed[0] * counts).sum())
-        if gain[0] > 1.0 and not self.camera.gains:
-            by_factor += float(by_gain[0]) / self.camera.longest_exposure
+        longest, shots = self.camera.longest_exposure, self.camera.shots
+        if gain[0] > shots * (1.0 + 1e-12) and not self.camera.gains:
+            by_factor += float(by_gain[0]) * shots / longest
         by_counts = factor[0] * by_exposed[0]
         # The exposure is 255 over the count that decides it, unless the camera cannot reach it.
         brightest = counts.flat[decides[0]]
-        if brightest > 0.0 and factor[0] * brightest > (1.0 - 1e-9) * FULL_SCALE:
+        reached = factor[0] * brightest > (1.0 - 1e-9) * FULL_SCALE
+        if brightest > 0.0 and (reached or FULL_SCALE / brightest < longest):
             by_counts.flat[decides[0]] -= by_factor * factor[0] / brightest
         return float(degrees[0]), by_counts

@@ -43,7 +43,7 @@ def write_depths(
 ) -> None:
     """Write the page of what each design reads of ``press``, with every picture inside."""
     maps = depth_maps(scene, list(found.values()))
-    display = scene.palette.display / FULL_SCALE
+    show = scene.palette.shown
     context = {
         "scene": scene.name,
         "scene_hash": scene.hash,
@@ -58,7 +58,7 @@ def write_depths(
         "entries": [
             {
                 "title": title,
-                "picture": data_uri(picture_png(one.picture @ display)),
+                "picture": data_uri(picture_png(show(one.picture / FULL_SCALE))),
                 "maps": data_uri(png_bytes(figure)),
             }
             for (title, one), figure in zip(found.items(), maps, strict=True)

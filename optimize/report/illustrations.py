@@ -196,14 +196,18 @@ def site_map(
 def facet_strip(scene: Scene, counts: Array) -> Figure:
     """Draw the colors of facets ``(bend, site, facet, channel)`` in counts, per bend (Fig. 5.2).
 
+    Shots are panels of their own, those of a bend side by side.
+
     Pyramids are drawn larger than life so that their facets can be told apart; where they are on
     the pad is true.
     """
     grow = 0.46 * scene.sites.spacing / scene.indenter.radius
     outlines = (flat_sites(scene)[:, None, None] + grow * pyramid(scene))[..., :2]
     left, right, bottom, top = _frame(scene)
-    with _strip(scene) as (figure, panels):
-        for axes, values in zip(panels, counts, strict=True):
+    shots = scene.palette.shots
+    shown = [part for values in counts for part in np.split(values, shots, axis=-1)]
+    with _strip(scene, shots) as (figure, panels):
+        for axes, values in zip(panels, shown, strict=True):
             linear = values.reshape(-1, values.shape[-1]) / 255
             colors = encode_srgb(linear @ scene.palette.display) / 255
             polygons = list(outlines.reshape(-1, 3, 2))
@@ -217,11 +221,14 @@ def facet_strip(scene: Scene, counts: Array) -> Figure:
 
 
 @contextmanager
-def _strip(scene: Scene) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Open one panel per bend, side by side and titled, in the shape of the field of sites."""
+def _strip(scene: Scene, shots: int = 1) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Open one panel per bend and shot, side by side and titled, in the shape of the field."""
     left, right, bottom, top = _frame(scene)
     tall = min((top - bottom) / (right - left), 2.5)
-    bends = scene.state_titles
+    bends = list(scene.state_titles)
+    if shots > 1:
+        numbers = range(1, shots + 1)
+        bends = [f"{bend}{', ' * bool(bend)}shot {shot}" for bend in bends for shot in numbers]
     with drawing(PANEL * len(bends), PANEL * tall + 0.22) as figure:
         panels = list(figure.subplots(1, len(bends), squeeze=False)[0])
         for axes, bend in zip(panels, bends, strict=True):
@@ -283,7 +290,7 @@ def camera_pictures(scene: Scene, stages: Sequence[Seen]) -> Iterator[tuple[str,
                     stage.design.phi, stage.design.power, bend, PREVIEW_WIDTH, height
                 )
                 counts = np.asarray(radiance, dtype=np.float64) * stage.settings.exposure
-                linear = counts @ scene.palette.display / stage.settings.conventions.count_max
+                linear = scene.palette.shown(counts) / stage.settings.conventions.count_max
                 yield f"preview-{stage.key}-{index}", picture_png(linear)
 
 
@@ -323,5 +330,5 @@ def bolt_pictures(
     rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
     frame = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
     bright = settings.exposure / settings.conventions.count_max
-    display = bright * scene.palette.display
-    return [[picture_png(seen[frame] @ display) for seen in pictures] for pictures in drawn]
+    show = scene.palette.shown
+    return [[picture_png(show(bright * seen[frame])) for seen in pictures] for pictures in drawn]

@@ -77,9 +77,11 @@ def wiring_context(
             if any(0.0 < row.power < 1.0 for row in mounting.fibers)
             else []
         ),
+        *_sequence(scene),
         *([] if read is None else exposure_sentences(read, scene)),
     ]
     return {
+        "shots": [f"Shot {shot}" for shot in shot_numbers(scene)],
         "title": title,
         "word": "fiber" if scene.fibers else "lamp",
         "numbering": _numbering(scene),
@@ -105,10 +107,28 @@ def wiring_context(
                 "channel": "" if row.channel is None else str(row.channel),
                 "angle": f"{row.angle_deg:.1f}°",
                 "leans": row.leans,
+                "shots": [str(row.levels[shot - 1]) for shot in shot_numbers(scene)],
             }
             for row in mounting.fibers
         ],
     }
+
+
+def shot_numbers(scene: Scene) -> range:
+    """Return the numbers of a scene's shots, from 1; none where there is one picture."""
+    shots = scene.palette.shots
+    return range(1, shots + 1) if shots > 1 else range(0)
+
+
+def _sequence(scene: Scene) -> list[str]:
+    """Say how pictures are taken where there are several."""
+    shots = scene.palette.shots
+    if shots == 1:
+        return []
+    return [
+        f"Take {shots} pictures one after the other; a column of each shot has the level that "
+        f"every LED is told, of {FULL_LEVEL}."
+    ]
 
 
 def exposure_sentences(read: ReadErrors, scene: Scene) -> list[str]:
@@ -129,9 +149,10 @@ def exposure_sentences(read: ReadErrors, scene: Scene) -> list[str]:
     first = next((i for i, tilt in enumerate(read.saturates_deg) if tilt is not None), None)
     if first is not None:
         said[first] += " of tilt on"
+    what = f"each of {camera.shots} shots " if camera.shots > 1 else ""
     return [
-        f"Expose {time:.3g} times as long as the scene's exposure, at gain {read.gain:.3g}; 255 "
-        f"counts are {camera.full_well / read.gain:.0f} electrons.",
+        f"Expose {what}{time:.3g} times as long as the scene's exposure, at gain {read.gain:.3g}; "
+        f"255 counts are {camera.full_well / read.gain:.0f} electrons.",
         f"At most {camera.saturated:.1%} of all colors saturate{': ' * bool(said)}"
         f"{', '.join(said)}.",
     ]

@@ -185,7 +185,7 @@ def best_of_tile(
 ) -> int:
     """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
 
-    ``free`` ``(choice,)`` fibers per color may still be used; middles and suffixes use so many.
+    ``free`` ``(LED + 1,)`` fibers per LED may still be used; middles and suffixes use so many.
     """
     keep, lanes = len(scores), blocks.shape[-1]
     out = np.empty(lanes, np.float32)

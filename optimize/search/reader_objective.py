@@ -21,7 +21,11 @@ from render.scene import Scene
 RANDOM, KEPT = 96, 3
 """Random colorings that are read, and the best of them, from which a search starts."""
 MOST_PROVEN = 20_000
-"""Designs of a class that is read as a whole, in some 15 s; of larger ones the best is searched."""
+"""Designs of a class that is read as a whole, in some 15 s; of larger ones the best is searched.
+
+Of a camera of three channels: a reader of twice as many takes some twenty times as long, so that
+fewer are, with the cube of the channels.
+"""
 BLOCK = 256
 """Designs of such a class that are read between two looks at the clock."""
 AT_ONCE = 2
@@ -129,7 +133,8 @@ def _best_of_all(
     limits = scorer.limits
     if not limits.fixed_directions.all() or limits.continuous_power:
         return None
-    every = all_colorings(limits, MOST_PROVEN, alike=scorer.colors_alike)
+    most = int(MOST_PROVEN * min(1.0, (3 / scorer.channels) ** 3))
+    every = all_colorings(limits, most, alike=scorer.colors_alike)
     if every is None or not len(every):
         return None
     clock, best = Clock(len(every), progress), ScoredDesign(start, -np.inf)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
-from render.scene.colors import ColorName
+from render.scene.colors import MOST_SHOTS, ColorName
 from render.scene.quantities import Count, Part, Quantity, since_schema_2
 
 Vector = tuple[float, float, float]
@@ -37,7 +37,8 @@ class Camera(Part):
     picture, by default towards the tip (+y); columns then run towards -x. ``field_of_view`` is the
     full angle over all rows. A ``pinhole`` shows the tangent of the angle from its axis, a
     ``fisheye`` the angle itself (equidistant). ``channels`` are its colors, by default red, green
-    and blue.
+    and blue. ``shots`` pictures are taken one after the other, each under lights of its own; all
+    together last as long as one may.
 
     What limits readers of its pictures changes no light: ``read_noise`` (one standard deviation in
     counts of 255 at gain 1), ``full_well`` (photoelectrons at 255 counts and gain 1), ``bits``,
@@ -58,6 +59,7 @@ class Camera(Part):
     channels: Annotated[tuple[ColorName, ...], Field(strict=False, min_length=1)] | None = (
         since_schema_2()
     )
+    shots: Annotated[int, Count(1, MOST_SHOTS)] | None = since_schema_2()
     read_noise: Annotated[float, Quantity("counts", 0.0, 50.0)] | None = since_schema_2()
     full_well: Annotated[float, Quantity("electrons", 100.0, 1e7)] | None = since_schema_2()
     bits: Annotated[int, Count(4, 16)] | None = since_schema_2()

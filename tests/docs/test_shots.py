@@ -27,8 +27,8 @@ def scenes(tactilux: Run) -> tuple[Scene, Scene]:
     """Return a sensor with a gray camera as `tactilux new` writes it, and with the page's shots."""
     assert tactilux("new", "gray", *GRAY).code == 0
     text = Path("gray.toml").read_text()
-    channels, rest = block("toml", "[[colors]]").removeprefix("# [camera]\n").split("\n", 1)
-    head = text[: text.index("# The design that others")].replace('channels = ["gray"]', channels)
+    keys, rest = block("toml", "[[colors]]").removeprefix("# [camera]\n").split("\n\n", 1)
+    head = text[: text.index("# The design that others")].replace('channels = ["gray"]', keys)
     Path("shots.toml").write_text(head.replace('name = "gray"', 'name = "shots"') + rest)
     return load_scene("gray.toml"), load_scene("shots.toml")
 
@@ -37,7 +37,7 @@ def test_a_gray_camera_is_told_of_its_shots_and_one_that_has_them_is_not(
     scenes: tuple[Scene, Scene],
 ) -> None:
     gray, shots = scenes
-    assert shots.palette.channels == ("first", "second", "third", "fourth")
+    assert shots.palette.channels == ("gray-1", "gray-2", "gray-3", "gray-4")
     (doubt,) = (told for told in describe(gray).doubts if "one channel" in told)
     assert "take a picture for each group of lamps" in doubt
     assert not [told for told in describe(shots).doubts if "hue" in told or "channel" in told]

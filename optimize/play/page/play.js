@@ -37,7 +37,7 @@ const heatScale = [Math.min(...heights), Math.max(...heights)];
 const mark = page.scene.hash.slice(0, 8);
 
 const state = {
-  mine: designOf(page.designs.start), show: "mine", selected: 0, bend: 0, touch: page.touches.length - 1,
+  mine: designOf(page.designs.start), show: "mine", selected: 0, bend: 0, shot: 0, touch: page.touches.length - 1,
   center: [0, 0], past: [], future: [], kept: null, climb: null, rated: null,
 };
 state.kept = copyOf(state.mine);
@@ -273,6 +273,8 @@ const checkShow = choices(find("show"), "show", ["Yours", "Baseline", "Optimum"]
 // A sensor whose skin has one shape has no choice of it.
 const checkBend = page.axis.word === "" ? () => {} : choices(find("bend"), "bend", page.axis.titles,
   (i) => { state.bend = i; redraw(); announce(); });
+const checkShot = choices(find("shot"), "shot", Array.from({ length: page.palette.shots }, (_, i) => i + 1),
+  (i) => { state.shot = i; redraw(); });
 const checkTouch = choices(find("touch"), "touch", [...page.touches.map((t) => t.title), "Nothing"],
   (i) => { state.touch = i; act.move(state.center); redraw(); });
 const checkColor = choices(find("color"), "color", [...page.palette.letters, "Off"],
@@ -323,13 +325,13 @@ find("no-camera").hidden = Boolean(camera.gl);
 let waiting = 0;
 function redraw() { waiting ||= requestAnimationFrame(() => { waiting = 0; draw(); }); }
 
-/* What there is to see of a design at one bend or state, in unclipped counts (the skin: irradiance), as red,
+/* What the shot that is shown sees of a design at one bend or state, in unclipped counts (the skin: irradiance), as red,
    green and blue of a screen. */
 function seen(design, bend, touch, center) {
-  const { display } = page.palette, channels = display.length;
+  const { display, shots } = page.palette, channels = shots * display.length, own = state.shot * display.length;
   const at = (values, size) => {
-    const out = new Float64Array(3 * size), first = channels * bend * size;
-    for (let i = 0; i < size; i++) for (let k = 0; k < 3; k++) for (let c = 0; c < channels; c++)
+    const out = new Float64Array(3 * size), first = channels * bend * size + own;
+    for (let i = 0; i < size; i++) for (let k = 0; k < 3; k++) for (let c = 0; c < display.length; c++)
       out[3 * i + k] += values[first + channels * i + c] * display[c][k];
     return out;
   };
@@ -426,6 +428,7 @@ document.querySelector(".meter").classList.toggle("apart", Math.abs(ends[1] - en
 for (const name of ["baseline", "optimum"])
   document.querySelector(`.tick.${name}`).style.left = `${place(figureOf(ratings[name]))}%`;
 checkBend(0);
+checkShot(0);
 checkTouch(state.touch);
 openLink();
 draw();

@@ -18,11 +18,12 @@ class CameraModel {
   exposed(counts) {
     const rank = Math.ceil((1 - this.saturated) * counts.length) - 1;
     const brightest = Float64Array.from(counts).sort()[rank];
-    const factor = brightest > 0 ? this.fullScale / brightest : 1, enough = Math.max(factor / this.longest, 1);
+    const factor = brightest > 0 ? this.fullScale / brightest : 1;
+    const time = Math.min(factor, this.longest) / this.shots, enough = factor / time;
     if (!this.gains.length) return { factor, gain: enough, brightest };
     /* The least that is enough; what is darker than the greatest allows stays dark. */
     const gain = this.gains.find((step) => step >= enough * (1 - 1e-12)) ?? this.gains.at(-1);
-    return { factor: Math.min(factor, gain * this.longest), gain, brightest };
+    return { factor: Math.min(factor, gain * time), gain, brightest };
   }
 }
 
@@ -59,12 +60,13 @@ class Readers {
   slopes(name, counts) {
     const { colors, factor, gain, brightest } = this.exposed(counts);
     const { degrees, byColors, byGain } = this.errors[name].slopes(colors, gain);
-    const { gains, longest, fullScale } = this.camera;
-    let byFactor = gain > 1 && !gains.length ? byGain / longest : 0;
+    const { gains, longest, shots, fullScale } = this.camera;
+    let byFactor = gain > shots * (1 + 1e-12) && !gains.length ? (byGain * shots) / longest : 0;
     for (let i = 0; i < counts.length; i++) byFactor += byColors[i] * counts[i];
     for (let i = 0; i < counts.length; i++) byColors[i] *= factor;
     /* The exposure is full scale over the count that decides it, unless the camera cannot reach it. */
-    if (brightest > 0 && factor * brightest > (1 - 1e-9) * fullScale) byColors[counts.indexOf(brightest)] -= (byFactor * factor) / brightest;
+    const reached = factor * brightest > (1 - 1e-9) * fullScale || fullScale < longest * brightest;
+    if (brightest > 0 && reached) byColors[counts.indexOf(brightest)] -= (byFactor * factor) / brightest;
     return { degrees, byCounts: byColors };
   }
 }

@@ -76,7 +76,7 @@ class Limits {
   allows(colors) {
     const used = this.counts.map(() => 0);
     return colors.filter((c) => c !== OFF).length <= this.most
-      && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[c] <= this.counts[c]));
+      && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[this.led[c]] <= this.counts[this.led[c]]));
   }
 
   /* What of a design cannot be built, in sentences. */

@@ -22,12 +22,12 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     >>> all_colorings(one_of_three, 9, alike=True).tolist()
     [[0, -1, -1], [-1, 0, -1], [-1, -1, 0]]
     """
-    fibers, leds = len(limits.allowed), limits.led_counts[: len(limits.palette.names)]
+    fibers, leds = len(limits.allowed), limits.led_counts[: limits.palette.led_count]
     top = min(fibers, int(leds.sum()), fibers if limits.most_lit is None else limits.most_lit)
-    found, total = [], 0
+    left, found, total = leds[limits.palette.led].tolist(), [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
         ways = math.comb(fibers, lit)
-        patterns = list(itertools.islice(_patterns(lit, leds.tolist(), alike), most // ways + 1))
+        patterns = list(itertools.islice(_patterns(lit, left, alike), most // ways + 1))
         total += ways * len(patterns)
         if total > most:
             return None

@@ -54,13 +54,15 @@ class Quota:
     Arguments:
         allowed: ``(U, choice)`` which colors each unit may have.
         fibers: ``(U,)`` fibers of each unit.
-        led_counts: ``(choice + 1,)`` LEDs of each color, one for every fiber, and of all colors.
+        led_counts: ``(LED + 1,)`` how many there are of each, one for every fiber, and of all.
+        led: ``(choice,)`` which of them each choice takes.
         dark: the choice that is off; None where none is.
     """
 
     allowed: NDArray[np.bool_]
     fibers: Colors
     led_counts: Colors
+    led: Colors
     dark: int | None = None
 
     @classmethod
@@ -68,7 +70,7 @@ class Quota:
         """Return the quota that allows everything."""
         one = np.ones(units, dtype=np.int64)
         full = np.full(choices + 1, units, dtype=np.int64)
-        return cls(np.ones((units, choices), dtype=bool), one, full)
+        return cls(np.ones((units, choices), dtype=bool), one, full, np.arange(choices))
 
     @classmethod
     def of(cls, limits: SearchLimits, groups: Colors | None = None) -> Quota:
@@ -81,7 +83,7 @@ class Quota:
         led_counts = np.append(limits.led_counts, most_lit)
         # Off is the last choice, or a choice beyond them.
         dark = len(limits.palette.names)
-        return cls(allowed, np.bincount(member).astype(np.int64), led_counts, dark)
+        return cls(allowed, np.bincount(member).astype(np.int64), led_counts, limits.led, dark)
 
     @property
     def choices(self) -> int:
@@ -105,12 +107,13 @@ class Quota:
         return codes[fits]
 
     def used(self, codes: Colors, start: int, stop: int) -> Colors:
-        """Return fibers per color ``(N, choice + 1)`` of ``codes``, and how many are lit.
+        """Return fibers per LED ``(N, LED + 1)`` of ``codes``, and how many are lit.
 
         Codes are those of units ``start`` to ``stop``.
         """
         chosen, weight = digits(codes, stop - start, self.choices), self.fibers[start:stop]
-        used = [((chosen == c) * weight).sum(axis=1) for c in range(self.choices)]
+        leds = self.led[chosen]
+        used = [((leds == led) * weight).sum(axis=1) for led in range(len(self.led_counts) - 1)]
         return np.stack([*used, ((chosen != self.dark) * weight).sum(axis=1)], axis=1)
 
 
@@ -240,8 +243,8 @@ class Enumeration:
     ) -> tuple[Single, Colors]:
         """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
 
-        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(choice,)``
-        fibers per color may still be used.
+        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free``
+        ``(LED + 1,)`` fibers per LED may still be used.
         """
         from optimize.scoring.metric_kernel import best_of_tile, channel_mark
 

@@ -42,9 +42,12 @@ def content_hash(scene: Scene) -> str:
     }
     if not content["faces"]:
         del content["faces"]
-    if scene.palette == RGB:
+    one_shot = scene.palette.one_shot
+    if one_shot == RGB:
         content.pop("colors", None)
-    if scene.palette.channels == DEFAULT_CHANNELS:
+    if scene.palette.shots == 1:
+        content["camera"].pop("shots", None)
+    if one_shot.channels == DEFAULT_CHANNELS:
         content["camera"].pop("channels", None)
     for key in READ_BY_CAMERA:
         content["camera"].pop(key, None)

@@ -43,7 +43,7 @@ def fitting_problems(scene: Scene) -> list[str]:
         if not isinstance(scene.coating.albedo, float):
             problems.append("coating.albedo with a list of values needs schema = 2")
     problems += scene.camera.problems()
-    problems += scene.coating.problems(scene.palette.channels)
+    problems += scene.coating.problems(scene.palette.one_shot.channels)
     if scene.diffuser is not None:
         problems += scene.diffuser.problems()
     problems += face_problems(scene.faces or (), scene.diffuser_edges)
@@ -62,7 +62,7 @@ def fitting_problems(scene: Scene) -> list[str]:
     problems += palette.problems(named=scene.colors is not None)
     if scene.constraints is not None:
         most = scene.search.lamps if scene.search is not None else None
-        problems += scene.constraints.problems(palette, scene.lamp_count, most)
+        problems += scene.constraints.problems(palette.one_shot, scene.lamp_count, most)
     if scene.tolerances is not None and scene.tolerances.sigma_v is not None:
         parts: list[Row | ListedLamp] = [*scene.lamp_rows, *(scene.lamps or ())]
         if all(part.profile.sigma_v is None for part in parts):

@@ -316,7 +316,7 @@ class Scene(Part):
     @property
     def palette(self) -> Palette:
         """The LED colors, and what the camera's channels see of them."""
-        return palette_of(self.colors, self.camera.channels)
+        return palette_of(self.colors, self.camera.channels, self.camera.shots or 1)
 
     @property
     def albedos(self) -> tuple[float, ...]:
@@ -330,7 +330,7 @@ class Scene(Part):
         albedo = self.coating.albedo
         if isinstance(albedo, float):
             return (0,) * len(self.palette.channels)
-        return tuple(self.albedos.index(value) for value in albedo)
+        return tuple(self.albedos.index(value) for value in albedo) * self.palette.shots
 
     @property
     def one_albedo_scenes(self) -> tuple[Scene, ...]:

@@ -127,3 +127,15 @@ def test_what_cannot_be_studied_is_refused(digit: Scene) -> None:
     assert "which is not varied" in refusal(digit, "camera.distance=14", lamps_follow=True)
     many = [f"{key}=0.5:0.9:0.01" for key in ("coating.albedo", "rows.gap", "pad.roughness")]
     assert "make 68,921 sensors, allowed: at most 4,096" in refusal(digit, *many)
+
+
+@pytest.mark.parametrize("name", ["digit", "finger20"])
+def test_shots_that_a_file_does_not_name_are_one(name: str) -> None:
+    scene = load_scene(name)
+    one = dimension_of(scene, "camera.shots=1:3:1")
+    assert (one.present, one.values) == (1, (1, 2, 3))
+    variants = Variants(scene, [one])
+    assert [variants.at((shots,)).palette.shots for shots in (1.0, 2.0, 3.0)] == [1, 2, 3]
+    assert "camera.shots = 0 makes no valid sensor (camera.shots = 0: allowed: 1 to 4)" in refusal(
+        scene, "camera.shots=0,1"
+    )

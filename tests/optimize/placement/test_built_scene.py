@@ -134,3 +134,13 @@ def test_a_design_without_light_is_none() -> None:
     dark = Design.of_colors(np.full(3, math.pi / 2), [-1, -1, -1])
     with pytest.raises(DesignError, match="lights none of digit's lamps"):
         built_scene(load_scene("digit"), dark, "mine")
+
+
+def test_a_design_of_shots_is_built_with_its_shots() -> None:
+    scene = load_scene("digit").with_(camera_shots=2)
+    colors = [scene.palette.index(name) for name in ("red@2", "green", "blue@1")]
+    design = Design.of_colors(np.full(3, np.pi / 2), colors, scene.palette)
+    built = built_scene(scene, design, "mine")
+    assert built.palette == scene.palette
+    assert baseline_design(built).color_names == design.color_names
+    assert np.array_equal(baseline_design(built).drive, design.drive)

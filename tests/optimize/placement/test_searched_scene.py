@@ -124,3 +124,21 @@ def test_places_mirrored_read_alike() -> None:
         one, other = (scorer.design(phi, colors[order]) for order in (slice(None), mirrored))
         # The preview's texels are not mirrored.
         assert goal.value(one) == pytest.approx(goal.value(other), rel=0.04)
+
+
+def test_shots_are_searched_beside_places() -> None:
+    scene = load_scene("digit")
+    shots = searched_scene(scene, place=False, shots=2)
+    assert (shots.name, shots.palette.shots, shots.lamp_count) == ("digit-shots", 2, 3)
+    assert shots.hash == scene.with_(camera_shots=2).hash
+    assert searched_scene(scene, place=False, shots=1).hash == scene.hash
+    placed = searched_scene(scene, shots=2)
+    assert (placed.name, placed.palette.shots) == ("digit-shots-places", 2)
+    # One LED of each color, whatever its shots.
+    assert limits_of(placed).led_counts.tolist() == [1, 1, 1, 34]
+    colors = [placed.palette.index(name) for name in ("red@1", "red@2")]
+    both = np.full(placed.lamp_count, DARK)
+    both[:2] = colors
+    assert not limits_of(placed).fits(both[None])[0]
+    with pytest.raises(SceneError, match=r"camera.shots = 5: allowed: 1 to 4"):
+        searched_scene(scene, shots=5)

@@ -49,7 +49,7 @@ def test_keys_that_a_file_of_schema_1_has_not_are_told_apart_from_those_it_has(
     tmp_path: Path,
 ) -> None:
     model = ("[camera]", '[camera]\nmodel = "fisheye"')
-    newer = "position, look_at, direction, up, lens, channels, read_noise, full_well, bits, "
+    newer = "position, look_at, direction, up, lens, channels, shots, read_noise, full_well, bits, "
     newer += "longest_exposure, gains, saturated"
     told = "unknown key camera.model, allowed: distance, y, field_of_view, columns, rows"
     assert refusal(tmp_path, model) == f"{told} (with schema = 2 also {newer})"

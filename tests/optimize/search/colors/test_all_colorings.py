@@ -11,6 +11,7 @@ import pytest
 
 from optimize.design import unlimited
 from optimize.search.colors import all_colorings, canonical
+from render.scene.colors import palette_of
 
 
 @pytest.mark.parametrize("off", [True, False])
@@ -50,3 +51,32 @@ def test_too_many_are_none() -> None:
     assert found is not None
     assert len(found) == total
     assert all_colorings(unlimited(60), 20_000, alike=True) is None
+
+
+@pytest.mark.parametrize("leds", [(1, 1, 1), (2, 0, 5)])
+@pytest.mark.parametrize("most", [None, 2])
+def test_leds_are_counted_whatever_shots_they_shine_in(
+    leds: tuple[int, ...], most: int | None
+) -> None:
+    palette = palette_of(None, None, 2)
+    limits = unlimited(3, palette, off=True)
+    limits = replace(limits, led_counts=np.array([*leds, 3]), most_lit=most)
+    every = np.array(list(itertools.product(range(-1, len(palette.names)), repeat=3)))
+    kept = []
+    for row in every:
+        used = [palette.names[color].split("@")[0] for color in row if color >= 0]
+        fits = all(
+            used.count(led) <= count
+            for led, count in zip(("red", "green", "blue"), leds, strict=True)
+        )
+        kept.append(fits and len(used) <= (3 if most is None else most))
+    assert np.array_equal(limits.fits(every), kept)
+    found = all_colorings(limits, 2000, alike=False)
+    assert found is not None
+    lit = (every >= 0).any(axis=1)
+    assert {*map(tuple, found)} == {*map(tuple, every[kept & lit])}
+    # The nearest coloring is the one that brute force prefers.
+    preference = np.random.default_rng(2).uniform(size=limits.allowed.shape)
+    worth = preference[np.arange(3), every].sum(axis=1)
+    best = every[kept][worth[kept].argmax()]
+    assert np.array_equal(limits.nearest_colors(preference), best)
