@@ -321,19 +321,23 @@ READ_WITHIN = 3e-4
 """Relative: tables of the page have 16 bits, and weights of colors 6 decimals."""
 
 
-@pytest.fixture(scope="module", params=["finger20", "digit"])
+@pytest.fixture(scope="module", params=["finger20", "digit", "digit, two shots"])
 def read_scene(
     request: pytest.FixtureRequest,
     chromium: Browser,
     written: Path,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[tuple[Scene, Checker, Page]]:
-    """Return two sensors with their pages: lamps that turn, and a camera that has few gains."""
-    scene = load_scene(request.param)
-    checker = open_model(scene)
+    """Return sensors with their pages: lamps that turn, a camera of few gains, and of two shots."""
+    name, _, shots = request.param.partition(", ")
+    scene = load_scene(name)
+    if shots:
+        scene = scene.with_(camera_shots=2)
+    checker = open_model(scene, coarse=bool(shots))
     path = written
     if scene.name != "finger20":
-        camera = unchecked(scene.camera, {"gains": (1.0, 2.0, 8.0), "read_noise": 2.0, "bits": 10})
+        few = () if shots else (1.0, 2.0, 8.0)
+        camera = unchecked(scene.camera, {"gains": few or None, "read_noise": 2.0, "bits": 10})
         scene = unchecked(scene, {"camera": camera})
         path = tmp_path_factory.mktemp("read") / "page.html"
         write_play(path, PlayPage(scene, checker))
@@ -345,10 +349,11 @@ def random_designs(scene: Scene) -> list[Design]:
     """Return the baseline, random allowed designs, a dim one, and one that is dark."""
     rng, lamps = np.random.default_rng(4), scene.lamp_count
     limits, designs = limits_of(scene), [baseline_design(scene)]
+    one = np.eye(len(scene.palette.names))
     for power in (1.0, 1.0, 1.0, 0.7, 0.7, 0.02, 0.0):
         phi = limits.nearest_directions(rng.uniform(0.0, np.pi, lamps))
-        colors = rng.integers(0, 3, lamps)
-        drive = np.eye(3)[colors] * rng.uniform(0.5 * power, power, (lamps, 1))
+        colors = rng.integers(0, len(one), lamps)
+        drive = one[colors] * rng.uniform(0.5 * power, power, (lamps, 1))
         designs.append(Design(phi, drive, scene.palette))
     return designs
 
