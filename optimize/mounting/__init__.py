@@ -4,7 +4,6 @@ from optimize.mounting.jig import JigError, Mesh, drilling_jig, stl_bytes
 from optimize.mounting.mounting import (
     ANGLE_STEP,
     FULL_LEVEL,
-    FULL_MILLIAMPERES,
     ErrorCost,
     Feeds,
     MountedFiber,

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design import DARK, Design, limits_of
+from optimize.design import DARK, Design, currents, limits_of, part_entries, prices
 from optimize.robust import (
     MATERIALS,
     material_slopes,
@@ -31,8 +31,6 @@ from render.progress import OnProgress
 from render.scene import OFF, Scene
 from surrogate.runtime import Checker
 
-FULL_MILLIAMPERES = 20.0
-"""Of one channel of one LED at full power."""
 FULL_LEVEL = 255
 """Of a channel, as boards are told."""
 
@@ -84,7 +82,8 @@ class MountedFiber:
     to the tip on the sides and to the right on the tip edge; ``found_deg`` is what the search
     chose. ``tilt_deg`` leads out of the plane, towards the coating if positive. ``channel`` counts
     the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`. ``level`` is what
-    the board is told, 0 to 255, in proportion to the power.
+    the board is told, 0 to 255, in proportion to the power. ``part`` is the LED that the color is
+    of, where that is a known one.
     """
 
     fiber: int
@@ -101,6 +100,7 @@ class MountedFiber:
     towards_z: float
     diameter_mm: float
     gap_mm: float
+    part: str
     color: str
     power: float
     current_ma: float
@@ -141,6 +141,14 @@ class Mounting:
     def current(self) -> float:
         """What all LEDs together draw, mA."""
         return sum(fiber.current_ma for fiber in self.fibers)
+
+    @property
+    def price(self) -> float | None:
+        """What the parts of all lit lamps cost, US dollars; None where one is not known."""
+        names = self.scene.palette.names
+        each = dict(zip(names, prices(self.scene).tolist(), strict=True))
+        total = sum(each[fiber.color] for fiber in self.fibers if fiber.color != OFF)
+        return None if math.isnan(total) else total
 
     @property
     def colors_exchange(self) -> bool:
@@ -202,6 +210,7 @@ def _rounded(scene: Scene, design: Design, step: float) -> Design:
 def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[MountedFiber, ...]:
     poses, lamps = flat_fiber_poses(scene), scene.placed_lamps()
     beams, empty = poses.directions(design.phi), empty_places(scene, design)
+    entries, full = part_entries(scene), currents(scene)
     rows = []
     for i, (edge, color) in enumerate(zip(fiber_edges(scene), design.color_names, strict=True)):
         if empty[i]:
@@ -210,6 +219,7 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
         towards = [round(float(v), 4) + 0.0 for v in beams[i]]
         angle = round(float(np.degrees(design.phi[i])), 2)
         power, color_index = float(design.drive[i].sum()), design.palette.index(color)
+        entry = entries[color_index] if color != OFF else None
         led, place = feeds.channel(i, max(color_index, 0), len(design.palette.names))
         rows.append(
             MountedFiber(
@@ -227,9 +237,10 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
                 towards_z=towards[2],
                 diameter_mm=lamps[i].diameter,
                 gap_mm=round(float(poses.gap[i]), 6),
+                part="" if entry is None else entry.led.name,
                 color=color,
                 power=round(power, 3),
-                current_ma=round(power * FULL_MILLIAMPERES, 1),
+                current_ma=0.0 if color == OFF else round(power * full[color_index], 1),
                 level=round(FULL_LEVEL * power),
                 led=led,
                 channel=None if color == OFF else 3 * led + place,

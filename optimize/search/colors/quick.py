@@ -112,11 +112,19 @@ class _TwoOpt:
             chosen = _moved(chosen, pairs[best : best + 1], self.choices)[0]
 
     def _allowed(self, chosen: Colors) -> NDArray[np.int64]:
-        """Return the moves from ``chosen`` that stay within the limits."""
+        """Return the moves from ``chosen``, which is allowed, that stay within the limits."""
         if not self.limits.colors_limited:
             return self.pairs
-        moved = self.limits.colors_of(_moved(chosen, self.pairs, self.choices))
-        return np.ascontiguousarray(self.pairs[self.limits.fits(moved)])
+        fibers, rules = np.arange(len(chosen))[:, None], self.limits.rules
+        new = (chosen[:, None] + np.arange(1, self.choices)) % self.choices
+        # The last move does nothing.
+        permitted = np.append(self.limits.allowed[fibers, new].ravel(), True)
+        pairs = self.pairs[permitted[self.pairs].all(axis=1)]
+        free = rules.most - rules.used(chosen[None])[0]
+        for weight, left in zip(rules.weights, free, strict=True):
+            more = weight[fibers, new] - weight[fibers, chosen[:, None]]
+            pairs = pairs[np.append(more.ravel(), 0)[pairs].sum(axis=1) <= left]
+        return np.ascontiguousarray(pairs)
 
 
 def _moved(chosen: Colors, pairs: NDArray[np.int64], choices: int) -> Colors:
@@ -131,10 +139,8 @@ def _moved(chosen: Colors, pairs: NDArray[np.int64], choices: int) -> Colors:
 def _moves(fibers: int, others: int) -> NDArray[np.int64]:
     """Return ``(n, 2)`` moves to make together: none, every single one, every two fibers' ones."""
     nothing = others * fibers
-    single = [(move, nothing) for move in range(nothing)]
-    double = [
-        (first, second)
-        for first in range(nothing)
-        for second in range(first - first % others + others, nothing)
-    ]
-    return np.array([(nothing, nothing), *single, *double], dtype=np.int64)
+    single = np.arange(nothing)
+    first, second = np.triu_indices(nothing, 1)
+    double = np.stack([first, second], axis=1)[first // max(others, 1) != second // max(others, 1)]
+    alone = np.stack([single, np.full(nothing, nothing)], axis=1)
+    return np.concatenate([[[nothing, nothing]], alone, double]).astype(np.int64)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def content_hash(scene: Scene) -> str:
     """Return 16 hex digits of what changes light: the beginning of a SHA-256 of sorted JSON."""
-    lightless = {"name", "constraints", "search", "tolerances", "free"}
+    lightless = {"name", "constraints", "search", "parts", "tolerances", "free"}
     content = scene.model_dump(mode="json", exclude=lightless, exclude_none=True)
     content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
     if scene.diffuser is not None:
