@@ -22,16 +22,19 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     >>> all_colorings(one_of_three, 9, alike=True).tolist()
     [[0, -1, -1], [-1, 0, -1], [-1, -1, 0]]
     """
-    fibers, leds = len(limits.allowed), limits.led_counts[: len(limits.palette.names)]
-    top = min(fibers, int(leds.sum()), fibers if limits.most_lit is None else limits.most_lit)
+    fibers, allowed = len(limits.allowed), limits.allowed[:, : len(limits.palette.names)]
+    leds = limits.led_counts[: allowed.shape[1]] * allowed.any(axis=0)
+    usable = np.flatnonzero(allowed.any(axis=1))
+    most_lit = fibers if limits.most_lit is None else limits.most_lit
+    top = min(len(usable), int(leds.sum()), most_lit)
     found, total = [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
-        ways = math.comb(fibers, lit)
+        ways = math.comb(len(usable), lit)
         patterns = list(itertools.islice(_patterns(lit, leds.tolist(), alike), most // ways + 1))
         total += ways * len(patterns)
         if total > most:
             return None
-        places = np.array(list(itertools.combinations(range(fibers), lit)))
+        places = np.array(list(itertools.combinations(usable.tolist(), lit)))
         for pattern in patterns:
             colors = np.full((ways, fibers), DARK)
             np.put_along_axis(colors, places, np.array(pattern)[None], axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ from optimize.design import (
 )
 from optimize.mounting import mount, wiring_csv
 from optimize.placement import built_scene, parts_sentence, searched_scene
+from optimize.readers import CameraModel
+from optimize.scoring import TableScorer, open_model, search_table
+from optimize.search import ReaderObjective, search_by_reader
 from render.errors import DesignError, SceneError
 from render.scene import Scene, load_scene, scene_text
 
@@ -198,3 +202,21 @@ def test_what_a_part_draws_and_costs_is_known_by_color(tmp_path: Path) -> None:
     assert [entry is None for entry in part_entries(scene)] == [True] * 3 + [False] * 3
     assert currents(scene).tolist() == [20.0] * 3 + [10.0] * 3
     assert np.isnan(prices(scene)).tolist() == [True] * 3 + [False] * 3
+
+
+def test_the_search_finds_the_best_of_all_choices_of_parts() -> None:
+    drawn = load_scene("digit").with_(sites_columns=2, sites_rows=2)
+    scene = searched_scene(drawn, place=False, parts=[*CHIPS, "ws2812b-2020"], lamps=3)
+    table = search_table(open_model(scene, None, coarse=True))
+    scorer = TableScorer(table, limits=limits_of(scene))
+    goal = ReaderObjective(scorer, scene, "sensor", CameraModel.of(scene))
+    start = scorer.limits.allowed_start(dimmed_baseline(scene))
+    found = search_by_reader(scorer, goal, [start])
+    options = [np.append(np.flatnonzero(row[:-1]), DARK) for row in scorer.limits.allowed]
+    every = np.array(list(itertools.product(*options)))
+    every = every[scorer.limits.fits(every) & (every != DARK).any(axis=1)]
+    assert len(every) == 7**3 - 1
+    values = goal.values([scorer.design(start.phi, colors) for colors in every])
+    assert found.score == pytest.approx(values.max(), rel=1e-6)
+    assert found.allowed == len(every)
+    assert found.score > goal.value(start)
