@@ -26,7 +26,7 @@ from optimize.design.limits import (
     turning_limits,
     unlimited,
 )
-from optimize.design.linear_rules import Budget, LinearRules
+from optimize.design.linear_rules import Budget, LinearRules, exclusive_groups
 from optimize.design.part_limits import (
     FULL_MILLIAMPERES,
     currents,

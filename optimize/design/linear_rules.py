@@ -76,16 +76,14 @@ class LinearRules:
 
     def used(self, chosen: Colors) -> Colors:
         """Return what ``chosen`` ``(N, F)`` weigh by every rule, ``(N, rule)``."""
-        lamps = np.arange(chosen.shape[1])
-        sums = [rule[lamps, chosen].sum(axis=1) for rule in self.weights]
+        sums = [_weighed(rule, chosen) for rule in self.weights]
         return np.stack(sums, axis=1) if sums else np.empty((len(chosen), 0), dtype=np.int64)
 
     def fit(self, chosen: Colors) -> NDArray[np.bool_]:
         """Return which of ``chosen`` ``(N, F)`` keep to all rules."""
         fits = np.ones(len(chosen), dtype=bool)
-        lamps = np.arange(chosen.shape[1])
         for rule, most in zip(self.weights, self.most, strict=True):
-            fits &= rule[lamps, chosen].sum(axis=1) <= most
+            fits &= _weighed(rule, chosen) <= most
         return fits
 
     def best_choice(self, worth: Array, allowed: NDArray[np.bool_]) -> Colors | None:
@@ -112,6 +110,12 @@ class LinearRules:
         if found.x is None:
             return None
         return np.asarray(found.x.reshape(allowed.shape).argmax(axis=1), dtype=np.int64)
+
+
+def _weighed(rule: Colors, chosen: Colors) -> Colors:
+    """Return what ``chosen`` ``(N, F)`` weigh by one rule ``(F, choice)``, ``(N,)``."""
+    lamps = np.flatnonzero(rule.any(axis=1))  # few, where lamps of one place exclude each other
+    return np.asarray(rule[lamps, chosen[:, lamps]].sum(axis=1))
 
 
 def exclusive_groups(exclusive: NDArray[np.bool_]) -> list[list[int]]:
