@@ -59,9 +59,15 @@ class SearchLimits:
     @cached_property
     def rules(self) -> LinearRules:
         """All that limits colors beside ``allowed``."""
-        dark = len(self.palette.names)
+        fibers, choices = self.allowed.shape
         return LinearRules.of(
-            self.led_counts, len(self.allowed), dark, self.most_lit, self.exclusive, self.budgets
+            np.arange(choices),
+            self.led_counts,
+            fibers,
+            len(self.palette.names),
+            self.most_lit,
+            self.exclusive,
+            self.budgets,
         )
 
     @property

@@ -44,6 +44,7 @@ class LinearRules:
     @classmethod
     def of(
         cls,
+        led: Colors,
         led_counts: Colors,
         fibers: int,
         dark: int,
@@ -53,17 +54,18 @@ class LinearRules:
     ) -> LinearRules:
         """Return the rules of `optimize.design.SearchLimits`; rules that forbid nothing are none.
 
-        ``dark`` is the choice that is off, or one beyond the choices.
+        ``led`` ``(choice,)`` is which of ``led_counts`` each choice takes; ``dark`` is the choice
+        that is off, or one beyond the choices.
         """
-        choices = len(led_counts)
+        choices = len(led)
         weights, most = [], []
         lit = np.arange(choices) != dark
         if most_lit is not None and most_lit < fibers:
             weights.append(np.tile(lit, (fibers, 1)))
             most.append(most_lit)
-        for color, count in enumerate(led_counts.tolist()):
+        for number, count in enumerate(led_counts.tolist()):
             if count < fibers:
-                weights.append(np.tile(np.arange(choices) == color, (fibers, 1)))
+                weights.append(np.tile(led == number, (fibers, 1)))
                 most.append(count)
         for group in [] if exclusive is None else exclusive_groups(exclusive):
             weights.append(np.isin(np.arange(fibers), group)[:, None] & lit)

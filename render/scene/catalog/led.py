@@ -255,11 +255,12 @@ def naming_problems(
     """Yield why a search cannot take the LEDs that are ``named``, one sentence each."""
     known = known_leds(own)
     for name in dict.fromkeys(named):
+        if name not in known:
+            said = name or '""'
+            yield f"{key} = {said}, allowed: {', '.join(known)}{did_you_mean(name, list(known))}"
+            continue
         if named.count(name) > 1:
             yield f"{key} names {name} twice, allowed: once"
-        if name not in known:
-            yield f"{key} = {name}, allowed: {', '.join(known)}{did_you_mean(name, list(known))}"
-            continue
         for die in known[name].dies:
             unknown = [one for one in channels if band(one) is None]
             if die.response and len(die.response) != len(channels):

@@ -155,7 +155,7 @@ def test_a_part_without_a_price_has_none(tmp_path: Path) -> None:
     ("name", "parts", "said"),
     [
         ("digit", ["red-0604"], "parts = red-0604, allowed: .*did you mean red-0603"),
-        ("digit", [""], "parts = , allowed: red-0201"),
+        ("digit", ["", ""], 'parts = "", allowed: red-0201'),
         (
             "gelsight-mini",
             ["ws2812b"],
