@@ -16,6 +16,7 @@ from optimize.mounting import (
     ErrorCost,
     JigError,
     Mounting,
+    banding_sentences,
     drilling_jig,
     empty_places,
     stl_bytes,
@@ -79,6 +80,7 @@ def wiring_context(
             else []
         ),
         *([] if read is None else exposure_sentences(read, scene)),
+        *banding_sentences(mounting, 1.0 if read is None else read.exposure_factor / read.gain),
     ]
     return {
         "title": title,

@@ -6,7 +6,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING
 
-from render.scene.camera import READ_BY_CAMERA
+from render.scene.camera import READ_BY_CAMERA, TIMES
 from render.scene.colors import DEFAULT_CHANNELS, RGB
 from render.scene.faces import Finish
 from render.scene.lamps import FACES, RIM_EDGES
@@ -46,7 +46,7 @@ def content_hash(scene: Scene) -> str:
         content.pop("colors", None)
     if scene.palette.channels == DEFAULT_CHANNELS:
         content["camera"].pop("channels", None)
-    for key in READ_BY_CAMERA:
+    for key in (*READ_BY_CAMERA, *TIMES):
         content["camera"].pop(key, None)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
