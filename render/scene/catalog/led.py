@@ -142,7 +142,7 @@ class Led(Part):
 
     name: ColorName
     source: Annotated[str, Field(pattern=r"\S")]
-    body_mm: Annotated[tuple[Millimeters, Millimeters], Field(strict=False)]
+    body_mm: Annotated[tuple[Millimeters, ...], Field(strict=False, min_length=2, max_length=2)]
     emits_mm: Millimeters | None = None
     half_angle_deg: Annotated[float, Number(1.0, 85.0)]
     dies: Annotated[tuple[Die, ...], Field(strict=False, min_length=1, max_length=8)]
