@@ -76,7 +76,7 @@ LINES = {
     "render": 32_530,  # LEDs of data sheets; places on which lamps may sit; scenes as files
     "surrogate": 6_735,  # models state level and effort, of each held-out error too
     "optimize": 24_600,  # lamps are parts, budgets; places are searched, a design's scene
-    "hw": 10_210,  # a wiring sheet says the exposure; the scene file of what was built
+    "hw": 10_280,  # a list of parts; sheets say the exposure; the scene file of what was built
 }
 """Lines of each package. They may fall; who raises one says beside it what for."""
 

@@ -23,7 +23,6 @@ from optimize.cli import (
     new,
     optimize,
     overnight,
-    parts,
     play,
     reconstruct,
     render,
@@ -65,7 +64,7 @@ app = typer.Typer(
 )
 for _command in (
     explore, play, score, compare, verify, optimize, sensitivity, reconstruct, train, frontier,
-    overnight, status, report, runs, render, describe, colors, new, parts, schema,
+    overnight, status, report, runs, render, describe, colors, new, schema,
 ):  # fmt: skip
     app.command(_command.__name__.rpartition(".")[2], cls=Command)(_command.run)
 

@@ -167,7 +167,7 @@ def run(
             if place:
                 stream.write(f"{moved_sentence(found)}\n")
             if scene.search and scene.search.parts:
-                stream.write(f"{parts_sentence(found.scene, found.design)}\n")
+                stream.write(f"{parts_sentence(found)}\n")
             for warning in doubts:
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")

@@ -11,6 +11,7 @@ import numpy as np
 import tomlkit
 
 from optimize.design import DARK, Array, Design, currents, prices
+from optimize.exploration import Exploration
 from render.errors import SceneError
 from render.scene import RGB, Led, LedEntry, Profile, Scene, entries_of, known_leds, responses
 from render.scene.catalog import naming_problems
@@ -115,7 +116,19 @@ def list_colors(document: tomlkit.TOMLDocument, scene: Scene, leds: Sequence[Led
     document["colors"] = tables
 
 
-def parts_sentence(scene: Scene, design: Design) -> str:
+def parts_sentence(found: Exploration) -> str:
+    """Return which parts a design has, what they draw and cost, and whether ideal LEDs do more."""
+    first, last, objective = found.stages[0], found.stages[-1], found.objective
+    said = parts_drawn(found.scene, last.design)
+    if objective == "score" or last.error(objective) <= first.error(objective):
+        return said
+    return (
+        f"{said} The baseline reads better: its LEDs are as the scene draws them, none of these "
+        "parts."
+    )
+
+
+def parts_drawn(scene: Scene, design: Design) -> str:
     """Return which parts a design has, what they draw together, and what they cost."""
     colors = design.colors
     lit = colors[colors != DARK]

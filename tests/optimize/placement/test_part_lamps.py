@@ -20,7 +20,8 @@ from optimize.design import (
     prices,
 )
 from optimize.mounting import mount, wiring_csv
-from optimize.placement import built_scene, parts_sentence, searched_scene
+from optimize.placement import built_scene, searched_scene
+from optimize.placement.part_lamps import parts_drawn
 from optimize.readers import CameraModel
 from optimize.scoring import TableScorer, open_model, search_table
 from optimize.search import ReaderObjective, search_by_reader
@@ -183,7 +184,7 @@ def test_a_design_of_parts_is_a_sensor_and_its_wiring_names_them() -> None:
     assert mounting.current == 20.0 + 12.0 + 20.0
     assert mounting.price == pytest.approx(0.06 + 0.15 + 0.08)
     assert "ws2812b-2020" in wiring_csv(mounting)
-    assert parts_sentence(scene, design) == (
+    assert parts_drawn(scene, design) == (
         "Parts: 1 red-0603, 1 blue-0603, 1 ws2812b-2020-green; 52 mA together, about 0.29 US "
         "dollars."
     )
