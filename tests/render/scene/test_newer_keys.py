@@ -56,7 +56,7 @@ def test_keys_that_a_file_of_schema_1_has_not_are_told_apart_from_those_it_has(
     assert refusal(tmp_path, model, schema=2) == f"{told}, {newer}"
     edges = ("[diffuser]", '[diffuser]\nedges = ["left"]')
     assert refusal(tmp_path, edges).endswith("sigma_s, sigma_a, g (with schema = 2 also on)")
-    assert "lamps, lamps_file, colors, search)" in refusal(
+    assert "lamps, lamps_file, colors, search, parts)" in refusal(
         tmp_path, ("[camera]", "[leds]\n[camera]")
     )
 
