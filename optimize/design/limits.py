@@ -247,12 +247,12 @@ def limits_of(scene: Scene) -> SearchLimits:
     most_lit = scene.search.lamps if scene.search is not None else None
     straight = math.pi / 2
     parts = searched_parts(scene)
-    costs = scene.search is not None and (scene.search.current or scene.search.price)
-    if given is None and most_lit is None and not parts and not costs:
+    draws = scene.search is not None and scene.search.current is not None
+    if given is None and most_lit is None and not parts and not draws:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
-    may_be_off = may_be_off or bool(parts or costs)
+    may_be_off = may_be_off or bool(parts) or draws
     some_off = may_be_off or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
