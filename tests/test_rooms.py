@@ -73,10 +73,10 @@ def test_no_room_holds_more_than_twenty_two_modules() -> None:
 
 
 LINES = {
-    "render": 32_130,  # places on which lamps may sit; written scenes; shots as channels
+    "render": 33_000,  # LEDs of data sheets; shots as channels; places; scenes as files
     "surrogate": 6_735,  # models state level and effort, of each held-out error too
-    "optimize": 24_050,  # places are searched, a design's scene; what dimensions are worth; degrees
-    "hw": 10_290,  # the scene file of what was built; a rig plays shots, one picture each
+    "optimize": 26_000,  # lamps are parts, budgets; places are searched, a design's scene
+    "hw": 10_600,  # a list of parts; a rig plays shots; sheets say the exposure
 }
 """Lines of each package. They may fall; who raises one says beside it what for."""
 

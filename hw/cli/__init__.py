@@ -8,7 +8,18 @@ from __future__ import annotations
 
 import typer
 
-from hw.cli import build, calibrate, capture, check, demo, emulate, lights, linearity, wiring_sheet
+from hw.cli import (
+    build,
+    calibrate,
+    capture,
+    check,
+    demo,
+    emulate,
+    lights,
+    linearity,
+    parts,
+    wiring_sheet,
+)
 from optimize.cli import app, main
 from optimize.ui.command import Command
 
@@ -32,3 +43,4 @@ app.add_typer(rig)
 app.command("check", cls=Command)(check.run)
 app.command("wiring", cls=Command)(wiring_sheet.run)
 app.command("build", cls=Command)(build.run)
+app.command("parts", cls=Command)(parts.run)

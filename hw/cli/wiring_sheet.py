@@ -82,6 +82,7 @@ def run(
                 "score_found": mounting.score_found,
                 "score": mounting.score,
                 "milliamperes": mounting.current,
+                "us_dollars": mounting.price,
                 "problems": mounting.problems,
                 "jig": no_jig or str(target / "jig.stl"),
                 "sheet": str(target / "wiring.html"),

@@ -34,8 +34,7 @@ from hw.leds import ProtocolName
 from hw.leds.channels import ChannelMap, PowerLimits
 from hw.leds.fiber_lights import FiberLights, sweep
 from hw.leds.ports import open_board
-from optimize.design import Design
-from optimize.mounting import FULL_MILLIAMPERES
+from optimize.design import FULL_MILLIAMPERES, Design
 from optimize.ui.console import ProgressBar, note
 from render.arrays import Array
 from render.progress import Progress

@@ -8,7 +8,8 @@ import numpy as np
 
 from hw.errors import PowerError
 from hw.leds.board import Levels, dark
-from optimize.mounting import FULL_LEVEL, FULL_MILLIAMPERES, Feeds, leds_per_fiber
+from optimize.design import FULL_MILLIAMPERES
+from optimize.mounting import FULL_LEVEL, Feeds, leds_per_fiber
 from render.arrays import Array
 
 ORDERS = ("rgb", "rbg", "grb", "gbr", "brg", "bgr")

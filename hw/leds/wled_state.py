@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hw.leds.board import Levels
-from optimize.mounting import FULL_MILLIAMPERES
+from optimize.design import FULL_MILLIAMPERES
 
 SEGMENT = 0
 """The segment that is lit."""

@@ -34,6 +34,10 @@ def run(
     lamps: Annotated[
         int | None, Option(min=1, help="At most so many lit (default: as the scene says).")
     ] = None,
+    parts: Annotated[
+        str | None,
+        Option(metavar="NAME,NAME", help="LEDs that lamps may be, of tactilux parts."),
+    ] = None,
     shots: Annotated[
         int | None, Option(min=1, help="Pictures one after the other (default: as the scene says).")
     ] = None,
@@ -60,8 +64,8 @@ def run(
     if vary or lamps_follow:
         from optimize.dimensions.vary_command import explore_dimensions
 
-        refused = {"--model": model, "--robust": robust, "--shadow": shadow}
-        refused |= {"--place": place or None, "--lamps": lamps, "--shots": shots}
+        refused: dict[str, object] = {"--model": model, "--robust": robust, "--shadow": shadow}
+        refused |= {"--place": place or None, "--lamps": lamps, "--parts": parts, "--shots": shots}
         return explore_dimensions(
             scene_name,
             vary or [],
@@ -75,7 +79,7 @@ def run(
         )
     from optimize.design import noise_words
     from optimize.exploration import explore
-    from optimize.placement import moved_sentence, searched_scene
+    from optimize.placement import moved_sentence, parts_sentence, searched_scene
     from optimize.report import DESIGN, print_scores, warnings, write_exploration
     from optimize.robust import (
         RobustnessStudy,
@@ -94,8 +98,10 @@ def run(
         scene = load_scene(scene_name)
         own_name = scene.name
         place = place or bool(scene.search and scene.search.places)
-        if place or lamps is not None or shots is not None:
-            scene = searched_scene(scene, place=place, lamps=lamps, shots=shots)
+        named = None if parts is None else [name.strip() for name in parts.split(",")]
+        chosen = place or named or (scene.search and scene.search.parts)
+        if chosen or lamps is not None or shots is not None:
+            scene = searched_scene(scene, place=place, lamps=lamps, parts=named, shots=shots)
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)
@@ -164,6 +170,8 @@ def run(
                 print_study(stream, found.study, {e.key: e.title for e in found.stages})
             if place:
                 stream.write(f"{moved_sentence(found)}\n")
+            if scene.search and scene.search.parts:
+                stream.write(f"{parts_sentence(found)}\n")
             for warning in doubts:
                 stream.write(f"Note: {warning}\n")
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")

@@ -26,6 +26,14 @@ from optimize.design.limits import (
     turning_limits,
     unlimited,
 )
+from optimize.design.linear_rules import Budget, LinearRules, exclusive_groups
+from optimize.design.part_limits import (
+    FULL_MILLIAMPERES,
+    currents,
+    part_entries,
+    prices,
+    searched_parts,
+)
 from optimize.design.rating import (
     CLIPPED,
     PARTS,

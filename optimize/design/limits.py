@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design.design import DARK, Array, Colors, Design, baseline_design, one_led
+from optimize.design.linear_rules import Budget, LinearRules
+from optimize.design.part_limits import (
+    budgets_of,
+    overlapping,
+    part_choices,
+    searched_parts,
+)
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
 
 TURNS = 16
 """Steps in which fibers that would meet are turned upright."""
-FORBIDDEN = 1e9
-"""Cost of a color that a fiber must not have; above any sum of the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +40,8 @@ class SearchLimits:
         continuous_power: whether fibers may have less than ``led_power``.
         holder: in which neighboring fibers must not meet; None where nothing holds them.
         most_lit: fibers that may be lit at once; None is all.
+        exclusive: ``(F, F)`` fibers of which at most one may be lit; None where all may.
+        budgets: what lit fibers may cost together.
     """
 
     allowed: NDArray[np.bool_]
@@ -46,6 +54,21 @@ class SearchLimits:
     holder: FiberHolder | None = None
     palette: Palette = RGB
     most_lit: int | None = None
+    exclusive: NDArray[np.bool_] | None = None
+    budgets: tuple[Budget, ...] = ()
+
+    @cached_property
+    def rules(self) -> LinearRules:
+        """All that limits colors beside ``allowed``."""
+        return LinearRules.of(
+            self.led,
+            self.led_counts,
+            len(self.allowed),
+            len(self.palette.names),
+            self.most_lit,
+            self.exclusive,
+            self.budgets,
+        )
 
     @property
     def may_be_off(self) -> bool:
@@ -55,8 +78,7 @@ class SearchLimits:
     @property
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
-        counted = self.led_counts < len(self.allowed)
-        return bool(not self.allowed.all() or counted.any() or self.some_stay_off)
+        return bool(not self.allowed.all() or len(self.rules.most))
 
     @property
     def some_stay_off(self) -> bool:
@@ -67,7 +89,7 @@ class SearchLimits:
     def colors_alike(self) -> bool:
         """Whether exchanging two colors in all fibers keeps every coloring allowed."""
         counts = self.led_counts[: self.palette.led_count]
-        return bool(self.allowed.all() and (counts == counts[0]).all())
+        return bool(self.allowed.all() and (counts == counts[0]).all() and not self.budgets)
 
     @property
     def fixed_directions(self) -> NDArray[np.bool_]:
@@ -86,11 +108,8 @@ class SearchLimits:
         permitted = self.allowed[np.arange(chosen.shape[1]), chosen].all(axis=1)
         if not self.may_be_off:
             permitted &= (chosen != DARK).all(axis=1)
-        if self.most_lit is not None:
-            permitted &= (chosen != DARK).sum(axis=1) <= self.most_lit
-        leds, count = np.append(self.palette.led, DARK)[chosen], self.palette.led_count
-        used = np.stack([(leds == led).sum(axis=1) for led in range(count)], axis=1)
-        return np.asarray(permitted & (used <= self.led_counts[:count]).all(axis=1))
+        # Where off is no choice it has no weight, and is not permitted.
+        return np.asarray(permitted & self.rules.fit(chosen))
 
     @property
     def led(self) -> Colors:
@@ -101,32 +120,15 @@ class SearchLimits:
     def nearest_colors(self, preference: Array) -> Colors:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
-        An assignment problem: every fiber takes one of the LEDs that there are. Where only some may
-        be lit, LEDs beyond so many are taken by fibers that are not there.
-
         Raises:
             DesignError: no coloring is allowed.
         """
-        from scipy.optimize import linear_sum_assignment
-
-        each = np.where(self.allowed, -preference, FORBIDDEN)
-        # Of the colors that one LED gives, a fiber takes the one that it prefers.
-        of_led = [np.flatnonzero(self.led == led) for led in range(len(self.led_counts))]
-        best = np.stack([own[each[:, own].argmin(axis=1)] for own in of_led], axis=1)
-        slots = np.repeat(np.arange(len(of_led)), np.minimum(self.led_counts, len(self.allowed)))
-        cost = np.take_along_axis(each, best, axis=1)[:, slots]
-        if self.most_lit is not None:
-            leds = slots < self.palette.led_count
-            absent = max(int(leds.sum()) - self.most_lit, 0)
-            cost = np.vstack([cost, np.tile(np.where(leds, 0.0, FORBIDDEN), (absent, 1))])
-        if cost.shape[1] >= len(cost):
-            row, column = linear_sum_assignment(cost)
-            if cost[row, column].max() < FORBIDDEN:
-                fibers = np.arange(len(self.allowed))
-                return self.colors_of(best[fibers, slots[column[: len(fibers)]]])
+        choices = self.rules.best_choice(preference, self.allowed)
+        if choices is not None:
+            return self.colors_of(choices)
         raise DesignError(
-            "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
-            "per color",
+            "no choice of colors fulfills the constraints: fix fewer fibers or allow more "
+            f"{' or more of '.join(['LEDs per color', *(one.key for one in self.budgets)])}",
             field="constraints",
         )
 
@@ -195,10 +197,24 @@ class SearchLimits:
             wanted = one_led(colors if self.may_be_off else np.maximum(colors, 0), choices)
             if self.may_be_off:
                 wanted[colors == DARK, -1] = 1.0
+            if self.exclusive is not None:
+                wanted[:, : len(self.palette.names)] += self._in_place_of(colors)
             colors = self.nearest_colors(wanted)
-        lit = (design.colors != DARK)[:, None]
+        lit = ((colors if self.may_be_off else design.colors) != DARK)[:, None]
         drive = one_led(colors, len(self.led_power)) * self.led_power * lit
         return Design(self.nearest_directions(design.phi), drive, self.palette)
+
+    def _in_place_of(self, colors: Colors) -> Array:
+        """Return how gladly a fiber takes a color ``(F, color)`` for an overlapping one.
+
+        Twice the cosine between what the camera sees of both, so that hue decides, and a lit one
+        is taken before a dark one.
+        """
+        assert self.exclusive is not None
+        seen = self.palette.matrix
+        seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+        alike = np.where((colors == DARK)[:, None], 0.0, (seen @ seen.T)[colors])
+        return np.asarray(2.0 * np.where(self.exclusive[..., None], alike, 0.0).max(axis=1))
 
     def dimmed(self, design: Design) -> Design:
         """Return ``design`` with no LED above its limit and nothing else changed."""
@@ -236,15 +252,22 @@ def limits_of(scene: Scene) -> SearchLimits:
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
     most_lit = scene.search.lamps if scene.search is not None else None
     straight = math.pi / 2
-    if given is None and most_lit is None:
+    parts = searched_parts(scene)
+    draws = scene.search is not None and scene.search.current is not None
+    if given is None and most_lit is None and not parts and not draws:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
+    may_be_off = may_be_off or bool(parts) or draws
     some_off = may_be_off or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
     if some_off and not may_be_off:
         allowed[:, -1] = False
+    exclusive = None
+    if parts:
+        allowed[:, : len(palette.names)] = choices_of_parts = part_choices(scene)
+        exclusive = overlapping(scene, choices_of_parts)
     for entry in given.fixed:
         if entry.color is not None:
             # A fixed lamp has its LED, which may shine in any of the shots.
@@ -258,19 +281,20 @@ def limits_of(scene: Scene) -> SearchLimits:
     padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
     led_counts = free.led_counts.copy()
     led_counts[: palette.led_count] = given.max_counts(palette.one_shot, fibers)
+    led_power = np.array([given.of_color(name).power for name in palette.one_shot.names])
     limits = replace(
         free,
         allowed=allowed,
         led_counts=led_counts,
-        led_power=np.array([given.of_color(name).power for name in palette.one_shot.names])[
-            palette.led
-        ],
+        led_power=led_power[palette.led],
         low=padded[..., 0],
         high=padded[..., 1],
         step=given.angle_step or 0.0,
         continuous_power=given.continuous_power,
         holder=FiberHolder.of(scene),
         most_lit=most_lit,
+        exclusive=exclusive,
+        budgets=budgets_of(scene, led_power, allowed),
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))

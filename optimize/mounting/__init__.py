@@ -1,10 +1,10 @@
 """From a design to a thing: how fibers are mounted, what it costs, and the jig that holds them."""
 
+from optimize.mounting.banding import banding_sentences, pulse_ripple
 from optimize.mounting.jig import JigError, Mesh, drilling_jig, stl_bytes
 from optimize.mounting.mounting import (
     ANGLE_STEP,
     FULL_LEVEL,
-    FULL_MILLIAMPERES,
     ErrorCost,
     Feeds,
     MountedFiber,

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design import DARK, Design, limits_of
+from optimize.design import DARK, Design, currents, limits_of, part_entries, prices
 from optimize.robust import (
     MATERIALS,
     ScoreWorth,
@@ -32,8 +32,6 @@ from render.progress import OnProgress
 from render.scene import OFF, Scene
 from surrogate.runtime import Checker
 
-FULL_MILLIAMPERES = 20.0
-"""Of one channel of one LED at full power."""
 FULL_LEVEL = 255
 """Of a channel, as boards are told."""
 
@@ -87,7 +85,8 @@ class MountedFiber:
     the board's channels from 0, three to an LED; see `optimize.mounting.Feeds`. ``level`` is what
     the board is told, 0 to 255, in proportion to the power. ``levels`` are those of each shot;
     ``color``, ``power`` and current are of the LED where it shines. The CSV has ``shot_1`` and so
-    on in their place, where there are several.
+    on in their place, where there are several. ``part`` is the LED that the color is of, where that
+    is a known one.
     """
 
     fiber: int
@@ -104,6 +103,7 @@ class MountedFiber:
     towards_z: float
     diameter_mm: float
     gap_mm: float
+    part: str
     color: str
     power: float
     current_ma: float
@@ -145,7 +145,15 @@ class Mounting:
     def current(self) -> float:
         """What all LEDs together draw, mA; in the shot that draws most."""
         drive = self.design.palette.in_shots(self.design.drive)
-        return float(drive.sum(axis=(1, 2)).max()) * FULL_MILLIAMPERES
+        return float((drive @ currents(self.scene)).sum(axis=1).max())
+
+    @property
+    def price(self) -> float | None:
+        """What the parts of all lit lamps cost, US dollars; None where one is not known."""
+        names = self.scene.palette.one_shot.names
+        each = dict(zip(names, prices(self.scene).tolist(), strict=True))
+        total = sum(each[fiber.color] for fiber in self.fibers if fiber.color != OFF)
+        return None if math.isnan(total) else total
 
     @property
     def colors_exchange(self) -> bool:
@@ -213,6 +221,7 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
     beams, empty = poses.directions(design.phi), empty_places(scene, design)
     palette, leds = design.palette, design.palette.one_shot.names
     shots = palette.in_shots(design.drive).sum(axis=2)
+    entries, full = part_entries(scene), currents(scene)
     rows = []
     for i, (edge, number) in enumerate(zip(fiber_edges(scene), design.colors, strict=True)):
         if empty[i]:
@@ -222,6 +231,7 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
         angle = round(float(np.degrees(design.phi[i])), 2)
         power, color_index = float(shots[:, i].max()), int(palette.led[max(number, 0)])
         color = OFF if number == DARK else leds[color_index]
+        entry = entries[color_index] if color != OFF else None
         led, place = feeds.channel(i, color_index, palette.led_count)
         rows.append(
             MountedFiber(
@@ -239,9 +249,10 @@ def _rows(scene: Scene, found: Design, design: Design, feeds: Feeds) -> tuple[Mo
                 towards_z=towards[2],
                 diameter_mm=lamps[i].diameter,
                 gap_mm=round(float(poses.gap[i]), 6),
+                part="" if entry is None else entry.led.name,
                 color=color,
                 power=round(power, 3),
-                current_ma=round(power * FULL_MILLIAMPERES, 1),
+                current_ma=0.0 if color == OFF else round(power * full[color_index], 1),
                 level=round(FULL_LEVEL * power),
                 led=led,
                 channel=None if color == OFF else 3 * led + place,

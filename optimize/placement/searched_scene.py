@@ -11,6 +11,7 @@ from typing import Any
 
 import tomlkit
 
+from optimize.placement.part_lamps import list_colors, named_leds, part_lamps
 from render.errors import SceneError
 from render.scene import OFF, RGB, Scene
 from render.scene.places import MOST_CANDIDATES, CandidateLamp, candidates_on, usual_rails
@@ -27,10 +28,17 @@ from render.scene.schema.toml_document import (
 PLACES, SHOTS = "-places", "-shots"
 """What the name of a scene ends with whose places are listed, or that takes other shots."""
 LONGEST_NAME = 64
+MOST_PART_LAMPS = 512
+"""Own lamps and those of parts together; a table of so many takes some gigabytes."""
 
 
 def searched_scene(
-    scene: Scene, *, place: bool = True, lamps: int | None = None, shots: int | None = None
+    scene: Scene,
+    *,
+    place: bool = True,
+    lamps: int | None = None,
+    parts: Sequence[str] | None = None,
+    shots: int | None = None,
 ) -> Scene:
     """Return the scene of all designs that may be chosen, with a file of its own.
 
@@ -40,20 +48,36 @@ def searched_scene(
             lamps of its kind.
         lamps: at most so many lit; where no places are searched all colors stay free. By default
             as many as the scene says, or the baseline lights.
+        parts: LEDs, of which every lamp is one; by default those that the scene says. Where there
+            are any, each place has a lamp for every body among them, of which one may be lit, and
+            the colors are the parts'.
         shots: pictures that are taken one after the other; as many as the scene says unless given.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
     its constraints say how many, or more lamps may be lit than the baseline lights.
 
     Raises:
-        SceneError: the scene has no file, no place is left, or so many lamps cannot be.
+        SceneError: the scene has no file, no place is left, so many lamps cannot be, or a part is
+            none or does not fit.
     """
     rails = scene.search.places if scene.search is not None else ()
     candidates = _candidates(scene, rails or usual_rails(scene)) if place else ()
+    option = "" if parts is None else "--parts"
+    if parts is None:
+        parts = scene.search.parts if scene.search is not None else ()
+    leds = named_leds(scene, parts, option)
+    added = part_lamps(scene, leds, candidates, option) if leds else []
     lit = [color for color in scene.baseline_colors() if color != OFF]
     said = scene.search.lamps if scene.search is not None else None
     most = lamps if lamps is not None else said if said is not None else len(lit)
     count = scene.lamp_count + len(candidates)
+    if leds and scene.lamp_count + len(added) > MOST_PART_LAMPS:
+        raise SceneError(
+            f"{count} places with {len({led.body for led in leds})} bodies of parts are "
+            f"{len(added)} lamps, allowed: {MOST_PART_LAMPS}; name fewer parts, or "
+            "[[search.places]] with a larger pitch",
+            field="search.parts",
+        )
     if not 1 <= most <= count:
         raise SceneError(
             f"{'search.lamps' if lamps is None else 'lamps'} = {most}, allowed: 1 to {count}, as "
@@ -65,12 +89,19 @@ def searched_scene(
     if shots is not None and shots != scene.palette.shots:
         document["camera"]["shots"] = shots
         document["name"] = _named(scene.name, SHOTS)
-    if candidates:
-        _add_lamps(document, scene, candidates)
-        _limit_colors(document, scene, lit, most)
+    if candidates or leds:
+        if leds:
+            list_colors(document, scene, leds)
+            table_of(document, "constraints")["off"] = True
+        else:
+            added = _lamps_on(document, scene, candidates)
+            _limit_colors(document, scene, lit, most)
+        _add_lamps(document, scene, added)
         document["name"] = _named(document["name"], PLACES)
     search = table_of(document, "search")
     search["lamps"] = most
+    if leds:
+        search["parts"] = in_line([led.name for led in leds])
     search.pop("places", None)
     folder = written_of(scene).folder
     return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
@@ -97,27 +128,37 @@ def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]
     return found
 
 
-def _add_lamps(
+def _lamps_on(
     document: tomlkit.TOMLDocument, scene: Scene, candidates: Sequence[CandidateLamp]
-) -> None:
-    """List a lamp on every place, and leave it off in the baseline."""
-    placed = scene.placed_lamps()
-    lamps = document["lamps"] if "lamps" in document else tomlkit.aot()
+) -> list[dict[str, Any]]:
+    """Return a lamp for every place, with the body of one of the scene's."""
+    placed, lamps = scene.placed_lamps(), []
     for candidate in candidates:
         source = (
             f"searched: a place on the {candidate.edge} edge, like lamp {candidate.like} of "
             f"{scene.name}"
         )
-        lamp = {
-            "position": {"value": candidate.position.tolist(), "unit": "mm", "source": source},
-            "direction": {"value": candidate.direction.tolist(), "source": source},
-            **body_of(document, placed[candidate.like].key),
-        }
+        lamps.append(
+            {
+                "position": {"value": candidate.position.tolist(), "unit": "mm", "source": source},
+                "direction": {"value": candidate.direction.tolist(), "source": source},
+                **body_of(document, placed[candidate.like].key),
+            }
+        )
+    return lamps
+
+
+def _add_lamps(
+    document: tomlkit.TOMLDocument, scene: Scene, added: Sequence[dict[str, Any]]
+) -> None:
+    """List lamps, and leave them off in the baseline."""
+    lamps = document["lamps"] if "lamps" in document else tomlkit.aot()
+    for lamp in added:
         lamps.append(lamp_table(lamp))
-    document["lamps"] = lamps
+    if added:
+        document["lamps"] = lamps
     baseline = table_of(document, "baseline")
-    colors = [*(scene.baseline.lamps or ()), *(OFF for _ in candidates)]
-    baseline["lamps"] = in_line(colors)
+    baseline["lamps"] = in_line([*(scene.baseline.lamps or ()), *(OFF for _ in added)])
 
 
 def _limit_colors(

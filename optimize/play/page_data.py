@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.design import Array, SearchLimits, limits_of
+from optimize.design import Array, SearchLimits, exclusive_groups, limits_of
 from optimize.readers import CameraModel, PlaceError, SensorError
 from optimize.readers.camera_model import FULL_SCALE
 from optimize.readers.polynomials import derivatives
@@ -273,6 +273,8 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
         "led": limits.led.tolist(),
         "counts": limits.led_counts.tolist(),
         "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
+        "groups": [] if limits.exclusive is None else exclusive_groups(limits.exclusive),
+        "budgets": [{"cost": one.cost.tolist(), "limit": one.limit} for one in limits.budgets],
         "power": limits.led_power.tolist(),
         "low": limits.low.tolist(),
         "high": limits.high.tolist(),

@@ -16,6 +16,7 @@ from optimize.mounting import (
     ErrorCost,
     JigError,
     Mounting,
+    banding_sentences,
     drilling_jig,
     empty_places,
     stl_bytes,
@@ -28,7 +29,7 @@ from optimize.ui.console import counted
 from render.describe import limit_sentences
 from render.files import write_bytes, write_text
 from render.geometry import LOWER, FiberHolder, fiber_edges, flat_fiber_poses, flat_sites
-from render.scene import Scene
+from render.scene import Scene, known_leds
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
 AXES = 5.0
@@ -72,6 +73,7 @@ def wiring_context(
         *_ends(scene),
         *_empty(mounting),
         f"All LEDs together draw {mounting.current:.0f} mA.",
+        *part_sentences(mounting),
         *(
             [f"A number beside a color is the level that the board is told, of {FULL_LEVEL}."]
             if any(0.0 < row.power < 1.0 for row in mounting.fibers)
@@ -79,6 +81,7 @@ def wiring_context(
         ),
         *_sequence(scene),
         *([] if read is None else exposure_sentences(read, scene)),
+        *banding_sentences(mounting, 1.0 if read is None else read.exposure_factor / read.gain),
     ]
     return {
         "shots": [f"Shot {shot}" for shot in shot_numbers(scene)],
@@ -129,6 +132,21 @@ def _sequence(scene: Scene) -> list[str]:
         f"Take {shots} pictures one after the other; a column of each shot has the level that "
         f"every LED is told, of {FULL_LEVEL}."
     ]
+
+
+def part_sentences(mounting: Mounting) -> list[str]:
+    """Say which parts the lamps are, with their data sheets, and what they cost together."""
+    known = known_leds(mounting.scene.parts or ())
+    names = [row.part for row in mounting.fibers if row.part and row.power > 0.0]
+    said = []
+    for name in dict.fromkeys(names):
+        led = known[name]
+        bears = [die.max_ma for die in led.dies if die.max_ma is not None]
+        limit = f", at most {min(bears):g} mA" if bears else ""
+        said.append(f"{names.count(name)} {name}: {led.source}{limit}.")
+    if names and mounting.price is not None:
+        said.append(f"These parts cost about {mounting.price:.2f} US dollars.")
+    return said
 
 
 def exposure_sentences(read: ReadErrors, scene: Scene) -> list[str]:

@@ -185,7 +185,7 @@ def best_of_tile(
 ) -> int:
     """Keep the best ``len(scores)`` assignments above ``threshold``; return how many there are.
 
-    ``free`` ``(LED + 1,)`` fibers per LED may still be used; middles and suffixes use so many.
+    ``free`` ``(rule,)`` is what they may still weigh; middles and suffixes weigh so much.
     """
     keep, lanes = len(scores), blocks.shape[-1]
     out = np.empty(lanes, np.float32)
@@ -195,7 +195,7 @@ def best_of_tile(
         valid = min(lanes, suffixes - first)
         for middle in range(len(middles)):
             unused = free - middle_used[middle]
-            if unused.min() < 0:
+            if (unused < 0).any():
                 continue
             score_lanes(prefix + middles[middle], blocks[block], bends, constants, mark, out)
             for lane in range(valid):

@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from optimize.design import Array, Design, ScoredDesign, SearchLimits
+from optimize.design import DARK, Array, Design, ScoredDesign, SearchLimits
 from optimize.scoring import Differentiator, TableScorer
 from render.progress import Clock, OnProgress
 
@@ -187,18 +187,28 @@ def _recolored(scorer: TableScorer, objective: Objective, best: ScoredDesign) ->
 
 
 def _moves(scorer: TableScorer, design: Design) -> list[Design]:
-    """Return the allowed designs that another color of one fiber makes, or a swap of two."""
+    """Return the allowed designs that another color of one fiber makes, or a swap of two.
+
+    Where a lit fiber goes off for a dark one, that one may have any color.
+    """
     limits, old = scorer.limits, design.colors
-    choices = limits.colors_of(np.arange(limits.allowed.shape[1]))
-    colorings = []
-    for fiber, color in itertools.product(range(len(old)), choices):
-        if color != old[fiber]:
-            colorings.append(np.where(np.arange(len(old)) == fiber, color, old))
+    free = [limits.colors_of(np.flatnonzero(row)).tolist() for row in limits.allowed]
+    changes: set[tuple[tuple[int, int], ...]] = set()  # by fiber
+    for fiber, colors in enumerate(free):
+        changes |= {((fiber, color),) for color in colors if color != old[fiber]}
     for first, second in itertools.combinations(range(len(old)), 2):
         if old[first] != old[second]:
-            swapped = old.copy()
-            swapped[[first, second]] = old[[second, first]]
-            colorings.append(swapped)
+            changes.add(((first, int(old[second])), (second, int(old[first]))))
+        if (old[first] == DARK) != (old[second] == DARK):
+            dark, lit = (first, second) if old[first] == DARK else (second, first)
+            changes |= {
+                tuple(sorted([(lit, DARK), (dark, color)])) for color in free[dark] if color != DARK
+            }
+    colorings = []
+    for change in sorted(changes):
+        colorings.append(old.copy())
+        for fiber, color in change:
+            colorings[-1][fiber] = color
     if not colorings:
         return []
     allowed = np.array(colorings)[limits.fits(np.array(colorings))]

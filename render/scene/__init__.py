@@ -1,6 +1,16 @@
 """What a sensor is: the scene file, its quantities, constraints and tolerances."""
 
 from render.scene.camera import MOST_PIXELS, Camera
+from render.scene.catalog import (
+    Led,
+    LedEntry,
+    entries_in,
+    entries_of,
+    known_entries,
+    known_leds,
+    responses,
+    shipped_leds,
+)
 from render.scene.colors import OFF, RGB, LedColor, Palette
 from render.scene.constraints import HOLDER_THICKNESS, Constraints, FixedFiber
 from render.scene.faces import Finish

@@ -26,6 +26,8 @@ READ_BY_CAMERA = (
     "read_noise", "full_well", "bits", "saturated", "longest_exposure", "gains",
 )  # fmt: skip
 """Keys of a camera that change what is read of its light, and no light."""
+TIMES = ("exposure_time", "line_time")
+"""Keys of a camera that say how long a picture takes, and change no light."""
 AHEAD, UP = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
 
@@ -43,7 +45,9 @@ class Camera(Part):
     What limits readers of its pictures changes no light: ``read_noise`` (one standard deviation in
     counts of 255 at gain 1), ``full_well`` (photoelectrons at 255 counts and gain 1), ``bits``,
     ``longest_exposure`` in units of the scene's own exposure, ``gains`` that it has (any above 1
-    unless named), and ``saturated``, the part of all colors that may reach full scale.
+    unless named), and ``saturated``, the part of all colors that may reach full scale. Bands of
+    LEDs that dim by pulses follow from ``exposure_time`` (ms, of the scene's own exposure) and
+    ``line_time`` (us between rows of a rolling shutter).
     """
 
     distance: Millimeters | None = None
@@ -68,6 +72,8 @@ class Camera(Part):
         since_schema_2()
     )
     saturated: Annotated[float, Quantity("", 0.0, 0.5)] | None = since_schema_2()
+    exposure_time: Annotated[float, Quantity("ms", 0.001, 60_000.0)] | None = since_schema_2()
+    line_time: Annotated[float, Quantity("us", 0.0, 10_000.0)] | None = since_schema_2()
 
     @property
     def place(self) -> Vector:

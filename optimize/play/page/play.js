@@ -440,6 +440,8 @@ new ResizeObserver(redraw).observe(document.body);
 window.tactilux = {
   rate: (angles_deg, power) => rate(designOf({ angles_deg, power })),
   design: () => designFile(shownDesign()),
+  /* Whether lamps may have these colors, -1 for off. */
+  allows: (colors) => limits.allows(colors),
   /* Slopes of the objective by directions, per rad, and by the power of LEDs. */
   slopes: (angles_deg, power) => {
     const design = designOf({ angles_deg, power }), { byCounts } = goal.slopes(model.light.sum(design));

@@ -22,16 +22,22 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     >>> all_colorings(one_of_three, 9, alike=True).tolist()
     [[0, -1, -1], [-1, 0, -1], [-1, -1, 0]]
     """
-    fibers, leds = len(limits.allowed), limits.led_counts[: limits.palette.led_count]
-    top = min(fibers, int(leds.sum()), fibers if limits.most_lit is None else limits.most_lit)
-    left, found, total = leds[limits.palette.led].tolist(), [], 0
+    fibers, palette = len(limits.allowed), limits.palette
+    allowed = limits.allowed[:, : len(palette.names)]
+    taken = np.bincount(palette.led, allowed.any(axis=0), palette.led_count) > 0
+    leds = limits.led_counts[: palette.led_count] * taken
+    usable = np.flatnonzero(allowed.any(axis=1))
+    most_lit = fibers if limits.most_lit is None else limits.most_lit
+    top = min(len(usable), int(leds.sum()), most_lit)
+    left = (leds[palette.led] * allowed.any(axis=0)).tolist()
+    found, total = [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
-        ways = math.comb(fibers, lit)
+        ways = math.comb(len(usable), lit)
         patterns = list(itertools.islice(_patterns(lit, left, alike), most // ways + 1))
         total += ways * len(patterns)
         if total > most:
             return None
-        places = np.array(list(itertools.combinations(range(fibers), lit)))
+        places = np.array(list(itertools.combinations(usable.tolist(), lit)))
         for pattern in patterns:
             colors = np.full((ways, fibers), DARK)
             np.put_along_axis(colors, places, np.array(pattern)[None], axis=1)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design import Array, Colors, SearchLimits
+from optimize.design import Array, Colors, LinearRules, SearchLimits
 from render.errors import TableError
 from render.metric import MetricConfig
 from render.progress import Clock, OnProgress
@@ -52,25 +52,18 @@ class Quota:
     """SearchLimits of colorings, by unit.
 
     Arguments:
-        allowed: ``(U, choice)`` which colors each unit may have.
-        fibers: ``(U,)`` fibers of each unit.
-        led_counts: ``(LED + 1,)`` how many there are of each, one for every fiber, and of all.
-        led: ``(choice,)`` which of them each choice takes.
-        dark: the choice that is off; None where none is.
+        allowed: ``(U, choice)`` which choices each unit may have.
+        rules: what the choices of all units together keep to.
     """
 
     allowed: NDArray[np.bool_]
-    fibers: Colors
-    led_counts: Colors
-    led: Colors
-    dark: int | None = None
+    rules: LinearRules
 
     @classmethod
     def open(cls, units: int, choices: int) -> Quota:
         """Return the quota that allows everything."""
-        one = np.ones(units, dtype=np.int64)
-        full = np.full(choices + 1, units, dtype=np.int64)
-        return cls(np.ones((units, choices), dtype=bool), one, full, np.arange(choices))
+        none = np.empty((0, units, choices), dtype=np.int64)
+        return cls(np.ones((units, choices), dtype=bool), LinearRules(none, none[:, 0, 0]))
 
     @classmethod
     def of(cls, limits: SearchLimits, groups: Colors | None = None) -> Quota:
@@ -79,11 +72,10 @@ class Quota:
         member = np.arange(fibers) if groups is None else groups
         count = int(member.max()) + 1
         allowed = np.stack([limits.allowed[member == unit].all(axis=0) for unit in range(count)])
-        most_lit = fibers if limits.most_lit is None else limits.most_lit
-        led_counts = np.append(limits.led_counts, most_lit)
-        # Off is the last choice, or a choice beyond them.
-        dark = len(limits.palette.names)
-        return cls(allowed, np.bincount(member).astype(np.int64), led_counts, limits.led, dark)
+        weights = np.stack(
+            [limits.rules.weights[:, member == unit].sum(axis=1) for unit in range(count)], axis=1
+        )
+        return cls(allowed, LinearRules(weights, limits.rules.most))
 
     @property
     def choices(self) -> int:
@@ -93,7 +85,7 @@ class Quota:
     @property
     def limited(self) -> bool:
         """Whether anything is forbidden."""
-        return bool(not self.allowed.all() or (self.led_counts < self.fibers.sum()).any())
+        return bool(not self.allowed.all() or len(self.rules.most))
 
     def codes(self, start: int, stop: int) -> Colors:
         """Return the base-n codes of all colorings of units ``start`` to ``stop`` that fit."""
@@ -103,18 +95,13 @@ class Quota:
             return codes
         chosen = digits(codes, count, self.choices)
         fits = self.allowed[np.arange(start, stop), chosen].all(axis=1)
-        fits &= (self.used(codes, start, stop) <= self.led_counts).all(axis=1)
+        fits &= (self.used(codes, start, stop) <= self.rules.most).all(axis=1)
         return codes[fits]
 
     def used(self, codes: Colors, start: int, stop: int) -> Colors:
-        """Return fibers per LED ``(N, LED + 1)`` of ``codes``, and how many are lit.
-
-        Codes are those of units ``start`` to ``stop``.
-        """
-        chosen, weight = digits(codes, stop - start, self.choices), self.fibers[start:stop]
-        leds = self.led[chosen]
-        used = [((leds == led) * weight).sum(axis=1) for led in range(len(self.led_counts) - 1)]
-        return np.stack([*used, ((chosen != self.dark) * weight).sum(axis=1)], axis=1)
+        """Return what codes of units ``start`` to ``stop`` weigh by each rule, ``(N, rule)``."""
+        part = LinearRules(self.rules.weights[:, start:stop], self.rules.most)
+        return part.used(digits(codes, stop - start, self.choices))
 
 
 class Enumeration:
@@ -231,7 +218,7 @@ class Enumeration:
         for unit, color in enumerate(chosen):
             base += self._prefix_units[unit, color]
         used = self.quota.used(np.array([code]), 0, self.prefix)[0]
-        free = self.quota.led_counts - used
+        free = self.quota.rules.most - used
         scores, codes = self.best_of_tile(base.astype(np.float32), free, keep, threshold)
         middle, suffix = np.divmod(codes, self.suffixes)
         whole = self._codes[0][middle] * self._all_suffixes + self._codes[1][suffix]
@@ -243,8 +230,8 @@ class Enumeration:
     ) -> tuple[Single, Colors]:
         """Return scores and codes of the best assignments above ``threshold`` on top of ``base``.
 
-        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free``
-        ``(LED + 1,)`` fibers per LED may still be used.
+        Codes are ``middle * suffixes + suffix``, unsorted, ``keep`` at most; ``free`` ``(rule,)``
+        is what they may still weigh.
         """
         from optimize.scoring.metric_kernel import best_of_tile, channel_mark
 

@@ -79,7 +79,7 @@ class _TwoOpt:
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
         self.mark = channel_mark(scorer.channels, np.float64)
         self.choices = self.units.shape[1]
-        self.pairs = _moves(scorer.fibers, self.choices - 1)
+        self.every = np.arange((self.choices - 1) * scorer.fibers)
         self.limits = scorer.limits
         self.evaluated = 0
 
@@ -112,11 +112,21 @@ class _TwoOpt:
             chosen = _moved(chosen, pairs[best : best + 1], self.choices)[0]
 
     def _allowed(self, chosen: Colors) -> NDArray[np.int64]:
-        """Return the moves from ``chosen`` that stay within the limits."""
+        """Return the moves from ``chosen``, which is allowed, that stay within the limits."""
+        others = self.choices - 1
         if not self.limits.colors_limited:
-            return self.pairs
-        moved = self.limits.colors_of(_moved(chosen, self.pairs, self.choices))
-        return np.ascontiguousarray(self.pairs[self.limits.fits(moved)])
+            return _together(self.every, others, len(self.every))
+        fibers, rules = np.arange(len(chosen))[:, None], self.limits.rules
+        new = (chosen[:, None] + np.arange(1, self.choices)) % self.choices
+        permitted = self.every[self.limits.allowed[fibers, new].ravel()]
+        pairs = _together(permitted, others, len(self.every))
+        free = rules.most - rules.used(chosen[None])[0]
+        for weight, left in zip(rules.weights, free, strict=True):
+            more = weight[fibers, new] - weight[fibers, chosen[:, None]]
+            # The last move, which does nothing, weighs nothing.
+            weighs = np.append(more.ravel(), 0)
+            pairs = pairs[weighs[pairs[:, 0]] + weighs[pairs[:, 1]] <= left]
+        return np.ascontiguousarray(pairs)
 
 
 def _moved(chosen: Colors, pairs: NDArray[np.int64], choices: int) -> Colors:
@@ -128,13 +138,13 @@ def _moved(chosen: Colors, pairs: NDArray[np.int64], choices: int) -> Colors:
     return np.asarray((chosen + steps[:, :fibers]) % choices)
 
 
-def _moves(fibers: int, others: int) -> NDArray[np.int64]:
-    """Return ``(n, 2)`` moves to make together: none, every single one, every two fibers' ones."""
-    nothing = others * fibers
-    single = [(move, nothing) for move in range(nothing)]
-    double = [
-        (first, second)
-        for first in range(nothing)
-        for second in range(first - first % others + others, nothing)
-    ]
-    return np.array([(nothing, nothing), *single, *double], dtype=np.int64)
+def _together(moves: NDArray[np.int64], others: int, nothing: int) -> NDArray[np.int64]:
+    """Return ``(n, 2)`` of ``moves`` to make together: none, every one, every two fibers' ones.
+
+    Each fiber has ``others`` moves in a row, and the move ``nothing`` does nothing.
+    """
+    first, second = np.triu_indices(len(moves), 1)
+    first, second = moves[first], moves[second]
+    double = np.stack([first, second], axis=1)[first // max(others, 1) != second // max(others, 1)]
+    alone = np.stack([moves, np.full(len(moves), nothing)], axis=1)
+    return np.concatenate([[[nothing, nothing]], alone, double]).astype(np.int64)

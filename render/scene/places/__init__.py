@@ -5,6 +5,7 @@ from render.scene.places.candidates import (
     CandidateLamp,
     candidate_problems,
     candidates_on,
+    lamp_problems,
     usual_rails,
 )
 from render.scene.places.search_section import KeepOut, Rail, Search

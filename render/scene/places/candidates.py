@@ -127,6 +127,22 @@ def candidate_problems(scene: Scene) -> Iterator[str]:
         )
 
 
+def lamp_problems(scene: Scene, lamp: ListedLamp) -> list[str]:
+    """Return why a lamp cannot be where it is, as problems of ``lamps.0``."""
+    placed = placed_lamps(scene.box, (), (lamp,), False)
+    problems = [
+        *placement_problems(placed, scene.box),
+        *aim_problems(placed),
+        *embedding_problems(placed, scene.box, refracts=scene.window_refracts),
+        *painted_lamp_problems(placed, scene.finishes),
+    ]
+    if placed[0].solid:
+        problems += embedding_under_skin_problems(
+            placed, scene.pad, scene.skin, scene.sites, scene.indenter
+        )
+    return problems
+
+
 def _misfits(
     scene: Scene,
     rail: Rail,
@@ -144,17 +160,7 @@ def _misfits(
             profile=like.profile,
             turns=like.turns,
         )
-        placed = placed_lamps(scene.box, (), (listed,), False)
-        problems = [
-            *placement_problems(placed, scene.box),
-            *aim_problems(placed),
-            *embedding_problems(placed, scene.box, refracts=scene.window_refracts),
-            *painted_lamp_problems(placed, scene.finishes),
-        ]
-        if placed[0].solid:
-            problems += embedding_under_skin_problems(
-                placed, scene.pad, scene.skin, scene.sites, scene.indenter
-            )
+        problems = lamp_problems(scene, listed)
         if problems:
             yield problems[0].replace("lamps.0", f"{key}, the {rail.edge} edge: a lamp", 1)
             return

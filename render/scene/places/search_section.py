@@ -70,18 +70,25 @@ class Search(Part):
 
     ``lamps`` is how many may be lit at once, the others stay off. ``places`` are rails on which
     lamps may sit, ``apart`` (mm) the least distance of their centers, or else one diameter;
-    ``keep_out`` are parts of edges where none may be placed.
+    ``keep_out`` are parts of edges where none may be placed. ``parts`` are LEDs of the library or
+    of ``[[parts]]``, one of which every lamp is. All lit lamps together draw ``current`` (mA) at
+    most, and cost ``price`` (US dollars) at most.
     """
 
     lamps: Annotated[int, Count(1, 1024)] | None = None
     apart: Distance | None = None
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
     places: Annotated[tuple[Rail, ...], Field(strict=False)] = ()
+    parts: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    current: Annotated[float, Quantity("mA", 0.1, 100_000.0)] | None = None
+    price: Annotated[float, Quantity("USD", 0.001, 100_000.0)] | None = None
 
     def problems(self, constraints: Constraints | None, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the section by itself, for a scene of so many ``lamps``."""
-        if self.lamps is None and not self.places and not self.keep_out and self.apart is None:
-            yield "search names nothing, allowed: lamps, places, keep_out or apart"
+        if self == Search():
+            yield f"search names nothing, allowed: {', '.join(type(self).model_fields)}"
+        if self.price is not None and not self.parts:
+            yield "search.price without search.parts, allowed: parts, whose prices are known"
         for number, rail in enumerate(self.places):
             yield from rail.problems(f"search.places.{number}", lamps)
         for number, part in enumerate(self.keep_out):
@@ -98,6 +105,12 @@ class Search(Part):
         """Yield what is searched, in words."""
         if self.lamps is not None:
             yield f"at most {self.lamps} lamp{'s' * (self.lamps != 1)} lit"
+        if self.parts:
+            yield f"lamps are of {', '.join(self.parts)}"
+        if self.current is not None:
+            yield f"at most {self.current:g} mA together"
+        if self.price is not None:
+            yield f"at most {self.price:g} US dollars together"
         for rail in self.places:
             yield f"lamps may sit along the {rail.edge} edge"
         for part in self.keep_out:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from typing import TYPE_CHECKING
 
-from render.scene.camera import READ_BY_CAMERA
+from render.scene.camera import READ_BY_CAMERA, TIMES
 from render.scene.colors import DEFAULT_CHANNELS, RGB
 from render.scene.faces import Finish
 from render.scene.lamps import FACES, RIM_EDGES
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def content_hash(scene: Scene) -> str:
     """Return 16 hex digits of what changes light: the beginning of a SHA-256 of sorted JSON."""
-    lightless = {"name", "constraints", "search", "tolerances", "free"}
+    lightless = {"name", "constraints", "search", "parts", "tolerances", "free"}
     content = scene.model_dump(mode="json", exclude=lightless, exclude_none=True)
     content |= {"schema_version": 1, "diffuser": content.get("diffuser")}
     if scene.diffuser is not None:
@@ -49,7 +49,7 @@ def content_hash(scene: Scene) -> str:
         content["camera"].pop("shots", None)
     if one_shot.channels == DEFAULT_CHANNELS:
         content["camera"].pop("channels", None)
-    for key in READ_BY_CAMERA:
+    for key in (*READ_BY_CAMERA, *TIMES):
         content["camera"].pop(key, None)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:16]

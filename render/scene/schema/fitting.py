@@ -19,6 +19,7 @@ from render.scene.built_geometry import (
     row_problems,
     skin_problems,
 )
+from render.scene.catalog import naming_problems, own_problems
 from render.scene.colors import OFF
 from render.scene.faces import face_problems, painted_lamp_problems
 from render.scene.lamps import Fibers, ListedLamp, Row
@@ -57,6 +58,7 @@ def fitting_problems(scene: Scene) -> list[str]:
     # Where places are wrong, what lies on the skin there says nothing.
     if not placing:
         problems += _embedding_problems(scene) if scene.skin is None else _skin_problems(scene)
+    problems += own_problems(scene.parts or ())
     problems += _search_problems(scene, problems)
     palette = scene.palette
     problems += palette.problems(named=scene.colors is not None)
@@ -88,6 +90,9 @@ def _search_problems(scene: Scene, others: list[str]) -> Iterator[str]:
     if scene.search is None:
         return
     alone = list(scene.search.problems(scene.constraints, scene.lamp_count))
+    if not others:
+        own, channels = scene.parts or (), scene.palette.channels
+        alone += naming_problems(scene.search.parts, own, channels, "search.parts")
     yield from alone
     if not alone and not others:
         yield from candidate_problems(scene)

@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 from render.arguments import as_kind
 from render.errors import SceneError
 from render.scene.camera import Camera
+from render.scene.catalog import Led
 from render.scene.colors import LedColor, Palette, palette_of
 from render.scene.constraints import Constraints
 from render.scene.faces import Finish, NamedFaces, finishes
@@ -91,6 +92,7 @@ class Scene(Part):
     )
     constraints: Constraints | None = None
     search: Search | None = since_schema_2()
+    parts: Annotated[tuple[Led, ...], Field(strict=False, min_length=1)] | None = since_schema_2()
     tolerances: Tolerances | None = None
     free: FreeRanges | None = None
     _written: Written | None = None

@@ -50,13 +50,13 @@ def test_keys_that_a_file_of_schema_1_has_not_are_told_apart_from_those_it_has(
 ) -> None:
     model = ("[camera]", '[camera]\nmodel = "fisheye"')
     newer = "position, look_at, direction, up, lens, channels, shots, read_noise, full_well, bits, "
-    newer += "longest_exposure, gains, saturated"
+    newer += "longest_exposure, gains, saturated, exposure_time, line_time"
     told = "unknown key camera.model, allowed: distance, y, field_of_view, columns, rows"
     assert refusal(tmp_path, model) == f"{told} (with schema = 2 also {newer})"
     assert refusal(tmp_path, model, schema=2) == f"{told}, {newer}"
     edges = ("[diffuser]", '[diffuser]\nedges = ["left"]')
     assert refusal(tmp_path, edges).endswith("sigma_s, sigma_a, g (with schema = 2 also on)")
-    assert "lamps, lamps_file, colors, search)" in refusal(
+    assert "lamps, lamps_file, colors, search, parts)" in refusal(
         tmp_path, ("[camera]", "[leds]\n[camera]")
     )
 

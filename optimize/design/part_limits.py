@@ -1,0 +1,127 @@
+"""Which lamp may be which part, which bodies overlap, what lit lamps draw and cost."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from optimize.design.design import Array
+from optimize.design.linear_rules import Budget
+from render.errors import DesignError
+from render.scene import LedEntry, Scene, entries_in, entries_of, known_leds
+
+FULL_MILLIAMPERES = 20.0
+"""Of an LED that is no known part, at full power."""
+TOUCHING = 1e-6
+"""mm by which bodies may overlap by rounding."""
+
+
+def part_entries(scene: Scene) -> tuple[LedEntry | None, ...]:
+    """Return which part every LED of a scene is; None: no known one."""
+    return entries_in(scene.palette.one_shot, scene.parts or ())
+
+
+def searched_parts(scene: Scene) -> tuple[str, ...]:
+    """Return the LEDs that are parts of the scene's search; none where it lists none of them."""
+    if scene.search is None:
+        return ()
+    known = known_leds(scene.parts or ())
+    entries = [entry.name for name in scene.search.parts for entry in entries_of(known[name])]
+    return tuple(name for name in entries if name in scene.palette.one_shot.names)
+
+
+def part_choices(scene: Scene) -> NDArray[np.bool_]:
+    """Return which colors ``(F, color)`` each lamp may have: those of parts with its body."""
+    names, lamps = searched_parts(scene), scene.placed_lamps()
+    of_leds = np.array(
+        [
+            [
+                entry is not None
+                and entry.name in names
+                and entry.led.is_body_of(lamp.diameter, lamp.profile)
+                for entry in part_entries(scene)
+            ]
+            for lamp in lamps
+        ]
+    )
+    return np.asarray(of_leds[:, scene.palette.led])
+
+
+def overlapping(scene: Scene, choices: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which lamps ``(F, F)`` are too near to be lit together.
+
+    A lamp is as wide as the widest part that it may be, by ``choices`` ``(F, color)``, or else as
+    it is drawn.
+    """
+    lamps = scene.placed_lamps()
+    widths = np.array([0.0 if one is None else one.led.body_mm[0] for one in part_entries(scene)])
+    widths = widths[scene.palette.led]
+    widest = np.where(choices, widths, 0.0).max(axis=1)
+    width = np.where(choices.any(axis=1), widest, [lamp.diameter for lamp in lamps])
+    place = np.array([lamp.position for lamp in lamps])
+    apart = np.linalg.norm(place[:, None] - place[None], axis=2)
+    near = apart < (width[:, None] + width[None]) / 2 - TOUCHING
+    np.fill_diagonal(near, False)
+    return np.asarray(near)
+
+
+def currents(scene: Scene) -> Array:
+    """Return what each LED draws at full power, mA, ``(LED,)``."""
+    return np.array(
+        [FULL_MILLIAMPERES if one is None else one.die.ma for one in part_entries(scene)]
+    )
+
+
+def prices(scene: Scene) -> Array:
+    """Return what each LED costs, US dollars, ``(LED,)``; NaN where nobody says."""
+    return np.array(
+        [
+            np.nan if one is None or one.led.usd is None else one.led.usd
+            for one in part_entries(scene)
+        ]
+    )
+
+
+def budgets_of(scene: Scene, power: Array, allowed: NDArray[np.bool_]) -> tuple[Budget, ...]:
+    """Return what the search of a scene lets lamps draw and cost together.
+
+    ``power`` ``(color,)`` is that of an LED that is on, ``allowed`` ``(F, choice)`` what lamps may
+    be.
+
+    Raises:
+        DesignError: no lamp may be lit, or a part has no price.
+    """
+    search, palette = scene.search, scene.palette
+    if search is None:
+        return ()
+    colors = len(palette.names)
+    shining = palette.in_shots(np.eye(colors)).sum(axis=2)
+    found = []
+    draws, costs = currents(scene)[palette.led] * power, prices(scene)[palette.led]
+    # Every shot by itself keeps to the current; a part is bought once.
+    asked = (
+        *(("search.current", search.current, draws * shot, "mA") for shot in shining),
+        ("search.price", search.price, costs, "US dollars"),
+    )
+    choosable = allowed[:, :colors].any(axis=0)
+    for key, limit, each, unit in asked:
+        if limit is None:
+            continue
+        if not searched_parts(scene) and key == "search.price":
+            continue
+        unknown = [palette.names[c] for c in np.flatnonzero(choosable & np.isnan(each))]
+        if unknown:
+            raise DesignError(
+                f"{key}: {unknown[0]} has no price, allowed: parts that have one (usd)", field=key
+            )
+        least = each[choosable & (each > 0.0)].min(initial=np.inf)
+        if least > limit:
+            raise DesignError(
+                f"{key} = {limit:g} {unit}, but no lamp takes less than {least:g} {unit}, allowed: "
+                f"at least {least:g}",
+                field=key,
+            )
+        cost = np.zeros(allowed.shape)
+        cost[:, :colors] = np.nan_to_num(each)
+        found.append(Budget(key, cost, limit))
+    return tuple(found)
