@@ -85,7 +85,7 @@ def prices(scene: Scene) -> Array:
 def budgets_of(scene: Scene, power: Array, allowed: NDArray[np.bool_]) -> tuple[Budget, ...]:
     """Return what the search of a scene lets lamps draw and cost together.
 
-    ``power`` ``(color,)`` is that of an LED that is on, ``allowed`` ``(F, choice)`` what lamps may
+    ``power`` ``(LED,)`` is that of one that is on, ``allowed`` ``(F, choice)`` what lamps may
     be.
 
     Raises:
@@ -97,7 +97,7 @@ def budgets_of(scene: Scene, power: Array, allowed: NDArray[np.bool_]) -> tuple[
     colors = len(palette.names)
     shining = palette.in_shots(np.eye(colors)).sum(axis=2)
     found = []
-    draws, costs = currents(scene)[palette.led] * power, prices(scene)[palette.led]
+    draws, costs = (currents(scene) * power)[palette.led], prices(scene)[palette.led]
     # Every shot by itself keeps to the current; a part is bought once.
     asked = (
         *(("search.current", search.current, draws * shot, "mA") for shot in shining),
