@@ -58,11 +58,12 @@ def run(
         from optimize.dimensions.vary_command import explore_dimensions
 
         refused = {"--model": model, "--robust": robust, "--shadow": shadow}
-        refused |= {"--place": place or None, "--lamps": lamps}
         return explore_dimensions(
             scene_name,
             vary or [],
             lamps_follow=lamps_follow,
+            place=place,
+            lamps=lamps,
             out=out,
             coarse=coarse,
             objective=objective,

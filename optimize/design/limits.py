@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design.design import DARK, Array, Colors, Design, baseline_design, one_led
+from optimize.design.runs import Runs, around_rim
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
@@ -33,6 +34,7 @@ class SearchLimits:
         continuous_power: whether fibers may have less than ``led_power``.
         holder: in which neighboring fibers must not meet; None where nothing holds them.
         most_lit: fibers that may be lit at once; None is all.
+        runs: of one color along the ring that there may be; None is any number.
     """
 
     allowed: NDArray[np.bool_]
@@ -45,6 +47,7 @@ class SearchLimits:
     holder: FiberHolder | None = None
     palette: Palette = RGB
     most_lit: int | None = None
+    runs: Runs | None = None
 
     @property
     def may_be_off(self) -> bool:
@@ -55,12 +58,35 @@ class SearchLimits:
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
         counted = self.led_counts < len(self.allowed)
-        return bool(not self.allowed.all() or counted.any() or self.some_stay_off)
+        return bool(
+            not self.allowed.all() or counted.any() or self.some_stay_off or self.runs_limited
+        )
 
     @property
     def some_stay_off(self) -> bool:
         """Whether fewer fibers may be lit than there are."""
         return self.most_lit is not None and self.most_lit < len(self.allowed)
+
+    @property
+    def runs_limited(self) -> bool:
+        """Whether some coloring has too many runs."""
+        return self.runs is not None and self.runs.most < len(self.allowed)
+
+    @property
+    def words(self) -> str:
+        """What colorings are searched, in words that follow *designs*; empty where all are.
+
+        >>> from dataclasses import replace
+        >>> replace(unlimited(9, off=True), most_lit=2).words
+        ' with at most 2 of 9 lamps lit'
+        """
+        parts = []
+        if self.some_stay_off:
+            parts.append(f"at most {self.most_lit} of {len(self.allowed)} lamps lit")
+        if self.runs is not None and self.runs_limited:
+            most = self.runs.most
+            parts.append(f"at most {most} run{'s' * (most != 1)} of one color")
+        return f" with {' and '.join(parts)}" if parts else ""
 
     @property
     def colors_alike(self) -> bool:
@@ -87,6 +113,8 @@ class SearchLimits:
             permitted &= (chosen != DARK).all(axis=1)
         if self.most_lit is not None:
             permitted &= (chosen != DARK).sum(axis=1) <= self.most_lit
+        if self.runs is not None:
+            permitted = permitted & self.runs.fit(chosen)
         names = range(len(self.palette.names))
         used = np.stack([(chosen == c).sum(axis=1) for c in names], axis=1)
         return np.asarray(permitted & (used <= self.led_counts[: len(names)]).all(axis=1))
@@ -95,13 +123,26 @@ class SearchLimits:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
         An assignment problem: every fiber takes one of the LEDs that there are. Where only some may
-        be lit, LEDs beyond so many are taken by fibers that are not there.
+        be lit, LEDs beyond so many are taken by fibers that are not there. Where runs are limited
+        it is near the best.
 
         Raises:
             DesignError: no coloring is allowed.
         """
         from scipy.optimize import linear_sum_assignment
 
+        if self.runs is not None and self.runs_limited:
+            value = np.where(self.allowed, preference, -np.inf)
+            counts = self.led_counts[: len(self.palette.names)]
+            lit = len(self.allowed) if self.most_lit is None else self.most_lit
+            found = self.runs.nearest(value, counts, lit)
+            if found is not None:
+                return self.colors_of(found)
+            raise DesignError(
+                f"no choice of colors in at most {self.runs.most} runs fulfills the constraints: "
+                "allow more runs, fix fewer fibers or allow more LEDs per color",
+                field="search.runs",
+            )
         choices = np.arange(self.allowed.shape[1])
         slots = np.repeat(choices, np.minimum(self.led_counts, len(self.allowed)))
         cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
@@ -224,8 +265,9 @@ def limits_of(scene: Scene) -> SearchLimits:
     """
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
     most_lit = scene.search.lamps if scene.search is not None else None
+    most_runs = scene.search.runs if scene.search is not None else None
     straight = math.pi / 2
-    if given is None and most_lit is None:
+    if given is None and most_lit is None and most_runs is None:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
@@ -257,6 +299,7 @@ def limits_of(scene: Scene) -> SearchLimits:
         continuous_power=given.continuous_power,
         holder=FiberHolder.of(scene),
         most_lit=most_lit,
+        runs=None if most_runs is None else Runs(most_runs, around_rim(scene)),
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))

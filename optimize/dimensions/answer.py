@@ -30,7 +30,7 @@ LEVELS: dict[StudyLevel, str] = {
     "drawn": "preview", "few": "few paths", "converged": "converged",
 }  # fmt: skip
 """What people call them."""
-FORMAT = 1
+FORMAT = 2
 """Part of the name of a kept answer: raise it when answers mean something else."""
 NOISE_DRAWS, NOISE_SEED = 2, 73
 """Draws of the photon noise that is added to colors, the same for all sensors."""
@@ -129,6 +129,7 @@ class Answer:
         baseline: with its baseline lights.
         best: with the best lights found for it.
         design: those.
+        proven: how many designs are allowed, where that is proven to be the best of them.
         scene_exposure: counts per 1/(mm^2 sr) at the scene's own exposure.
         photon_noise: of facet colors, relative, where light was traced.
         seconds: that it took.
@@ -138,6 +139,7 @@ class Answer:
     baseline: LightErrors
     best: LightErrors
     design: Design
+    proven: int | None
     scene_exposure: float
     photon_noise: float | None
     seconds: float
@@ -150,6 +152,7 @@ class Answer:
             "best": self.best.to_json(),
             "phi": self.design.phi.tolist(),
             "drive": self.design.drive.tolist(),
+            "proven": self.proven,
             "scene_exposure": self.scene_exposure,
             "photon_noise": self.photon_noise,
             "seconds": self.seconds,
@@ -168,6 +171,7 @@ class Answer:
             LightErrors.from_json(content["baseline"]),
             LightErrors.from_json(content["best"]),
             Design(np.array(content["phi"]), np.array(content["drive"]), scene.palette),
+            None if content["proven"] is None else int(content["proven"]),
             float(content["scene_exposure"]),
             None if noise is None else float(noise),
             float(content["seconds"]),
@@ -208,11 +212,17 @@ def answer(
     scene = exposed_like(scene, checker.exposure, present_exposure)
     found = explore(scene, checker, objective=reader, seed=seed)
     first, last = found.stages[0], found.stages[-1]
+    baseline = LightErrors.of(checker, first)
+    kept = all(
+        np.array_equal(getattr(first.design, name), getattr(last.design, name))
+        for name in ("phi", "drive")
+    )
     return Answer(
         level,
-        LightErrors.of(checker, first),
-        LightErrors.of(checker, last),
+        baseline,
+        baseline if kept else LightErrors.of(checker, last),
         last.design,
+        found.proven,
         checker.exposure,
         checker.photon_noise,
         round(time.monotonic() - began, 3),

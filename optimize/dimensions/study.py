@@ -29,6 +29,7 @@ from optimize.dimensions.relative_change import RelativeChange, relative_change
 from optimize.dimensions.stepped_search import Point, stepped_search
 from optimize.exploration import Stage, rate
 from optimize.objectives import READERS, ReaderName, title_of
+from optimize.placement import ending_in
 from render.progress import OnProgress
 from render.scene import Scene, rewritten
 
@@ -39,7 +40,7 @@ PER_DIMENSION = 20
 """Sensors that a search may look at; no more of them are a grid."""
 MOST_NAMED = 8
 """Sensors that a sentence names."""
-FINALISTS = 2
+FINALISTS = 1
 """Sensors beside the present one that the finer level answers."""
 
 
@@ -70,6 +71,7 @@ class StudyRow:
                 for reader in READERS
             },
             "changes": {reader: one.to_json() for reader, one in self.changes.items()},
+            "proven_best_of": self.answer.proven,
             "photon_noise": self.answer.photon_noise,
             "seconds": self.answer.seconds,
         }
@@ -124,6 +126,32 @@ class Study:
         """The rows that decide: the finalists, or all where there is one level."""
         return self.finalists or self.rows
 
+    @cached_property
+    def pareto(self) -> frozenset[Values]:
+        """The values that no other row beats: none has less error at no more of any cost.
+
+        Empty where no number of which a builder wants little is varied.
+        """
+        costs = [number for number, one in enumerate(self.variants.dimensions) if one.is_cost]
+        points = [
+            (
+                row.values,
+                [row.values[number] for number in costs],
+                row.answer.best.mean(self.reader),
+            )
+            for row in self.rows
+        ]
+
+        def beaten(cost: list[float], error: float) -> bool:
+            return any(
+                all(low <= high for low, high in zip(other, cost, strict=True))
+                and (less < error or (less == error and other != cost))
+                for _, other, less in points
+            )
+
+        return frozenset(values for values, cost, error in points
+                         if costs and not beaten(cost, error))  # fmt: skip
+
     @property
     def leading(self) -> StudyRow:
         """The other sensor whose error is least: of those that are certain to be better, if any."""
@@ -151,7 +179,7 @@ class Study:
     def best_scene(self) -> Scene:
         """The sensor of the best row as a scene file of its own, which says where it is from."""
         if not self.chosen.changes:
-            return self.scene
+            return self.variants.at(self.variants.present)
         values = self.chosen.values
         source = f"chosen by tactilux explore {self.scene.name} {self.flags}: {self.sentence}"
         changes: dict[str, Any] = {
@@ -159,11 +187,19 @@ class Study:
             for key, change in self.variants.changes(values).items()
         }
         scene = exposed_like(
-            self.scene.with_(**changes),
+            self.variants.searched(self.scene.with_(**changes)),
             self.chosen.answer.scene_exposure,
             self.present.answer.scene_exposure,
         )
-        return rewritten(scene, source, name=f"{self.scene.name[:59]}-best")
+        return rewritten(scene, source, name=ending_in(self.scene.name, "-best"))
+
+    def scene_of(self, row: StudyRow) -> Scene:
+        """Return the sensor of a row with its places, which exposes no longer than the present."""
+        scene = self.variants.at(row.values)
+        if not row.changes or self.variants.one_sensor:
+            return scene
+        like = next(one for one in self.rows if not one.changes)
+        return exposed_like(scene, row.answer.scene_exposure, like.answer.scene_exposure)
 
     @property
     def flags(self) -> str:
@@ -172,7 +208,10 @@ class Study:
             f"--vary {one.key}={','.join(f'{value:g}' for value in one.values)}"
             for one in self.variants.dimensions
         ]
-        return " ".join(words + ["--lamps-follow"] * self.variants.lamps_follow)
+        words += ["--lamps-follow"] * self.variants.lamps_follow
+        words += ["--place"] * self.variants.place
+        words += [f"--lamps {self.variants.lamps}"] * (self.variants.lamps is not None)
+        return " ".join(words)
 
     @property
     def sentence(self) -> str:
@@ -206,6 +245,8 @@ class Study:
         texts = []
         for number, one in enumerate(self.variants.dimensions):
             value, ends = self.leading.values[number], {one.values[0], one.values[-1]}
+            if one.is_limit:
+                continue
             if len(one.values) > 2 and value in ends and self.chosen.changes:
                 texts.append(
                     f"{one.key} = {one.shown(value)} is at the end of its range: a wider one may "
@@ -242,7 +283,7 @@ class Study:
             "objective": self.reader,
             "seed": self.seed,
             "sensors": len(self.variants),
-            "rows": [row.to_json() for row in self.rows],
+            "rows": [row.to_json() | {"pareto": row.values in self.pareto} for row in self.rows],
             "finalists": [row.to_json() for row in self.finalists],
             "best": self.chosen.to_json(),
             "sentence": self.sentence,
@@ -273,11 +314,11 @@ def run_study(
     """
     began = time.monotonic()
     answers = KeptAnswers(variants, reader, seed, folder, progress)
-    first = first_level(variants.scene, coarse=coarse)
+    first = first_level(variants, coarse=coarse)
     _ask(answers, first)
     rows = _rows(answers, first, answers.on(first))
     finalists: tuple[StudyRow, ...] = ()
-    if not coarse:
+    if first != "converged" and not coarse:
         others = sorted(
             (row for row in rows if row.changes), key=lambda row: row.changes[reader].value
         )
@@ -287,12 +328,15 @@ def run_study(
     return Study(variants, reader, seed, rows, finalists, time.monotonic() - began)
 
 
-def first_level(scene: Scene, *, coarse: bool) -> StudyLevel:
+def first_level(variants: Variants, *, coarse: bool) -> StudyLevel:
     """Return the level that answers about every sensor of a study.
 
-    Few light paths behind a diffuser leave so much noise that the preview as drawn is better.
+    Few light paths behind a diffuser leave so much noise that the preview as drawn is better. Where
+    limits of designs alone are varied, light is followed once for all.
     """
-    return "drawn" if coarse or scene.diffuser is not None else "few"
+    if variants.one_sensor and not coarse:
+        return "converged"
+    return "drawn" if coarse or variants.scene.diffuser is not None else "few"
 
 
 def _ask(answers: KeptAnswers, level: StudyLevel) -> None:
@@ -338,16 +382,26 @@ def _nearest(variants: Variants, axes: Sequence[Sequence[float]]) -> Point:
 def _rows(
     answers: KeptAnswers, level: StudyLevel, chosen: Sequence[Values], *, ordered: bool = True
 ) -> tuple[StudyRow, ...]:
-    """Return the rows of some sensors, held against the present one on the same level."""
+    """Return the rows of some sensors, held against the present one on the same level.
+
+    More of a limit is never worse: a row has the best design of all that it allows.
+    """
     present = answers.variants.present
-    base, count = answers.at(level, present).best, max(len(chosen) - 1, 1)
+    for values in chosen:
+        answers.at(level, values)
+
+    answered = set(answers.on(level))
 
     def row(values: Values) -> StudyRow:
-        said = answers.at(level, values)
+        # What is allowed with less is allowed with more: a search may have missed it there.
+        allowed = [answers.at(level, one) for one in answers.variants.within(values)
+                   if one in answered]  # fmt: skip
+        said = min(allowed, key=lambda one: one.best.mean(answers.reader))
         changes: dict[ReaderName, RelativeChange] = {}
         if values != present:
             for reader in READERS:
                 changes[reader] = relative_change(base, said.best, reader, level, count)
         return StudyRow(values, said, changes)
 
+    base, count = row(present).answer.best, max(len(chosen) - 1, 1)
     return tuple(row(values) for values in (sorted(chosen) if ordered else chosen))

@@ -29,6 +29,11 @@ PLACES = "-places"
 LONGEST_NAME = 64
 
 
+def ending_in(name: str, ending: str) -> str:
+    """Return the name of a scene that is made from another one's, with one ``ending``."""
+    return name.removesuffix(ending)[: LONGEST_NAME - len(ending)] + ending
+
+
 def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None) -> Scene:
     """Return the scene of all designs that may be chosen, with a file of its own.
 
@@ -62,8 +67,7 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
     if candidates:
         _add_lamps(document, scene, candidates)
         _limit_colors(document, scene, lit, most)
-        name = scene.name.removesuffix(PLACES)[: LONGEST_NAME - len(PLACES)] + PLACES
-        document["name"] = name
+        document["name"] = ending_in(scene.name, PLACES)
     search = table_of(document, "search")
     search["lamps"] = most
     search.pop("places", None)

@@ -130,14 +130,15 @@ class _Rounds:
     def take_groups(self, number: int) -> None:
         """Search colors in pairs or larger groups, where the limits leave any.
 
-        Where most lamps stay off there are no groups of one color.
+        Where most lamps stay off there are no groups of one color, and pairs make no few runs.
         """
-        if self.scorer.limits.some_stay_off:
+        limits = self.scorer.limits
+        if limits.some_stay_off or limits.runs_limited:
             return
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:
-            if not self.scorer.limits.colors_limited:
+            if not limits.colors_limited:
                 raise
 
     def take_directions(self, number: int, stage: str, groups: Colors | None, seed: int) -> None:

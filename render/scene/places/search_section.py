@@ -68,20 +68,23 @@ class KeepOut(Part):
 class Search(Part):
     """What a search may choose beside colors, directions and powers.
 
-    ``lamps`` is how many may be lit at once, the others stay off. ``places`` are rails on which
-    lamps may sit, ``apart`` (mm) the least distance of their centers, or else one diameter;
-    ``keep_out`` are parts of edges where none may be placed.
+    ``lamps`` is how many may be lit at once, the others stay off; ``runs`` how many runs of one
+    color there may be around the rim: lit lamps that follow each other, with or without some that
+    are off between them. ``places`` are rails on which lamps may sit, ``apart`` (mm) the least
+    distance of their centers, or else one diameter; ``keep_out`` are parts of edges where none may
+    be placed.
     """
 
     lamps: Annotated[int, Count(1, 1024)] | None = None
+    runs: Annotated[int, Count(1, 1024)] | None = None
     apart: Distance | None = None
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
     places: Annotated[tuple[Rail, ...], Field(strict=False)] = ()
 
     def problems(self, constraints: Constraints | None, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the section by itself, for a scene of so many ``lamps``."""
-        if self.lamps is None and not self.places and not self.keep_out and self.apart is None:
-            yield "search names nothing, allowed: lamps, places, keep_out or apart"
+        if not self.model_fields_set:
+            yield "search names nothing, allowed: lamps, runs, places, keep_out or apart"
         for number, rail in enumerate(self.places):
             yield from rail.problems(f"search.places.{number}", lamps)
         for number, part in enumerate(self.keep_out):
@@ -98,6 +101,8 @@ class Search(Part):
         """Yield what is searched, in words."""
         if self.lamps is not None:
             yield f"at most {self.lamps} lamp{'s' * (self.lamps != 1)} lit"
+        if self.runs is not None:
+            yield f"at most {self.runs} run{'s' * (self.runs != 1)} of one color"
         for rail in self.places:
             yield f"lamps may sit along the {rail.edge} edge"
         for part in self.keep_out:

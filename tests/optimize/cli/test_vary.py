@@ -56,8 +56,6 @@ def test_it_prints_a_table_a_sentence_and_where_the_files_are(
         (["--vary", "pad.thickness=5", "--objective", "score"], "allowed: sensor, place"),
         (["--vary", "pad.thickness=5", "--robust", "spread"], "--robust does not go with --vary"),
         (["--vary", "pad.thickness=5", "--model", "x"], "--model does not go with --vary"),
-        (["--vary", "pad.thickness=5", "--place"], "--place does not go with --vary"),
-        (["--vary", "pad.thickness=5", "--lamps", "2"], "--lamps does not go with --vary"),
         (["--lamps-follow"], "lamps follow pad.thickness, which is not varied"),
     ],
 )
