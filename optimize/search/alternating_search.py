@@ -38,8 +38,8 @@ class SearchStep(ScoredDesign):
     """The best design after a stage, a point of the convergence plot.
 
     ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped`` (or ``coarsely grouped``),
-    ``quick`` (or ``exact``), ``tied``, ``free`` or ``power``. Lightings and seconds of wall time are those so far,
-    all stages together.
+    ``quick`` (or ``exact``), ``tied``, ``free`` or ``power``. Lightings and seconds of wall time
+    are those so far, all stages together.
     """
 
     round: int
