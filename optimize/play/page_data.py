@@ -266,6 +266,10 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
         "allowed": limits.allowed.tolist(),
         "counts": limits.led_counts.tolist(),
         "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
+        "ring": (
+            np.arange(len(limits.allowed)) if limits.runs is None else limits.runs.ring
+        ).tolist(),
+        "runs": len(limits.allowed) if limits.runs is None else limits.runs.most,
         "power": limits.led_power.tolist(),
         "low": limits.low.tolist(),
         "high": limits.high.tolist(),

@@ -72,10 +72,12 @@ class Limits {
     return turned;
   }
 
-  /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, and no more than there are. */
+  /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, no more than there are, and few
+     runs of one color along the ring; lamps that are off neither count nor split one. */
   allows(colors) {
-    const used = this.counts.map(() => 0);
-    return colors.filter((c) => c !== OFF).length <= this.most
+    const used = this.counts.map(() => 0), lit = this.ring.map((f) => colors[f]).filter((c) => c !== OFF);
+    const changes = lit.filter((c, i) => c !== lit.at(i - 1)).length;
+    return lit.length <= this.most && Math.max(changes, Math.min(lit.length, 1)) <= this.runs
       && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[c] <= this.counts[c]));
   }
 
@@ -92,7 +94,7 @@ class Limits {
     const turned = colors.map((_, f) => f)
       .filter((f) => Math.abs(this.nearest(f, design.phi[f]) - design.phi[f]) > 1e-6);
     if (turned.length) said.push(`The scene forbids these directions: fiber ${turned.join(", ")}.`);
-    if (!this.allows(colors)) said.push("The scene allows other colors, or fewer LEDs of one color or of all.");
+    if (!this.allows(colors)) said.push("The scene allows other colors, fewer LEDs of one color or of all, or fewer runs of one color.");
     return said;
   }
 }
