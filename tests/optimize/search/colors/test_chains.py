@@ -12,9 +12,11 @@ import pytest
 from optimize.design import SearchLimits, unlimited
 from optimize.design.runs import Runs, count_runs
 from optimize.scoring import TableScorer
+from optimize.search import alternating_search
 from optimize.search.colors import all_colorings, canonical, exact_colors
 from optimize.search.colors.chains import count_chains, is_chained
 from render.errors import TactiluxError
+from render.scene import RGB, Palette
 from render.transport import TransportTable
 
 MakeTable = Callable[..., TransportTable]
@@ -130,3 +132,45 @@ def test_a_class_that_no_machine_could_score_is_refused(make_table: MakeTable) -
     scorer = TableScorer(make_table(40, 1, 1, 2, 4), limits=limits)
     with pytest.raises(TactiluxError, match="at most 12 of 40 lamps lit would score"):
         exact_colors(scorer, scorer.at_node(0))
+
+
+FIVE = Palette(
+    ("red", "green", "blue", "amber", "white"),
+    ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.8, 0.3, 0.0), (0.4, 0.5, 0.3)),
+    RGB.channels,
+    ("#000000",) * 5,
+)
+
+
+def test_two_runs_of_64_lamps_in_five_lights_are_all_of_them(make_table: MakeTable) -> None:
+    limits = replace(unlimited(64, FIVE), runs=Runs(2, np.arange(64)))
+    scorer = TableScorer(make_table(64, 1, 1, 2, 4, lam=60.0, seed=2), limits=limits)
+    phi = scorer.at_node(0)
+    number = np.arange(64)
+    pairs = [(a, b) for a in range(5) for b in range(5) if a != b]
+    colors = [np.full(64, color) for color in range(5)]
+    for low, high in itertools.combinations(range(64), 2):
+        inside = (low <= number) & (number < high)
+        colors += [np.where(inside, a, b) for a, b in pairs]
+    found = exact_colors(scorer, phi)
+    assert found.evaluated == len(colors) == count_chains(limits, alike=False) == 5 + 20 * 2016
+    assert found.score == pytest.approx(scorer.scores(np.array(colors), phi).max(), rel=1e-12)
+
+
+@pytest.mark.parametrize("given", CLASSES[:4], ids=str)
+def test_the_whole_search_proves_a_class_where_lamps_do_not_turn(
+    make_table: MakeTable, given: dict[str, object]
+) -> None:
+    straight = np.full((7, 1), np.pi / 2)
+    limits = replace(limits_with(7, **given), low=straight, high=straight)
+    scorer = TableScorer(make_table(7, 1, 2, 3, 5, lam=60.0, seed=5), limits=limits)
+    colors, phi = every(limits), straight[:, 0]
+    start = scorer.design(phi, colors[0])
+    found = alternating_search(scorer, start)
+    scores = scorer.scores(colors, phi)
+    assert found.score == pytest.approx(scores.max(), rel=1e-12)
+    alike = np.unique(canonical(colors), axis=0) if scorer.colors_alike else colors
+    assert found.proven == len(alike)
+    assert scorer.score(phi, found.colored.power) == pytest.approx(found.score)
+    free = TableScorer(scorer.table, limits=replace(limits, continuous_power=True))
+    assert alternating_search(free, start).proven is None
