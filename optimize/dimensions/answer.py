@@ -24,9 +24,9 @@ from render.scene.scene_file import written_of
 from surrogate.preview_model import few_paths_checker, preview_checker
 from surrogate.runtime import Checker
 
-StudyLevel = Literal["drawn", "few", "converged"]
+StudyEffort = Literal["drawn", "few", "converged"]
 """The preview as the shader draws it, or with traced light of few or of all paths."""
-LEVELS: dict[StudyLevel, str] = {
+EFFORT_NAMES: dict[StudyEffort, str] = {
     "drawn": "preview", "few": "few paths", "converged": "converged",
 }  # fmt: skip
 """What people call them."""
@@ -122,10 +122,10 @@ class LightErrors:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What one level says about one sensor.
+    """What one effort says about one sensor.
 
     Arguments:
-        level: that answers.
+        effort: that answers.
         baseline: with its baseline lights.
         best: with the best lights found for it.
         design: those.
@@ -135,7 +135,7 @@ class Answer:
         seconds: that it took.
     """
 
-    level: StudyLevel
+    effort: StudyEffort
     baseline: LightErrors
     best: LightErrors
     design: Design
@@ -147,7 +147,7 @@ class Answer:
     def to_json(self) -> dict[str, Any]:
         """Return what `from_json` reads: the same numbers, bit by bit."""
         return {
-            "level": self.level,
+            "effort": self.effort,
             "baseline": self.baseline.to_json(),
             "best": self.best.to_json(),
             "phi": self.design.phi.tolist(),
@@ -167,7 +167,7 @@ class Answer:
         """
         noise = content["photon_noise"]
         return cls(
-            content["level"],
+            content["effort"],
             LightErrors.from_json(content["baseline"]),
             LightErrors.from_json(content["best"]),
             Design(np.array(content["phi"]), np.array(content["drive"]), scene.palette),
@@ -178,29 +178,29 @@ class Answer:
         )
 
 
-def model_at(scene: Scene, level: StudyLevel, progress: OnProgress | None = None) -> Checker:
-    """Return what answers about ``scene`` at a level; trained models take no part.
+def model_at(scene: Scene, effort: StudyEffort, progress: OnProgress | None = None) -> Checker:
+    """Return what answers about ``scene`` at an effort; trained models take no part.
 
     Sensors are held against each other, so that all have the same kind of model.
     """
-    if level == "few":
+    if effort == "few":
         return few_paths_checker(scene, progress)
-    return preview_checker(scene, progress, coarse=level == "drawn")
+    return preview_checker(scene, progress, coarse=effort == "drawn")
 
 
 def answer(
     scene: Scene,
-    level: StudyLevel,
+    effort: StudyEffort,
     reader: ReaderName,
     seed: int,
     present_exposure: float | None = None,
     progress: OnProgress | None = None,
 ) -> Answer:
-    """Return what ``level`` says about ``scene`` and its best lights for a ``reader``.
+    """Return what ``effort`` says about ``scene`` and its best lights for a ``reader``.
 
     Arguments:
         scene: the sensor.
-        level: of the model.
+        effort: of the model.
         reader: whose degrees the search for lights lowers.
         seed: of that search; light, normals and noise are drawn alike for all sensors.
         present_exposure: `Answer.scene_exposure` of the sensor that this one is held against: the
@@ -208,7 +208,7 @@ def answer(
         progress: told how far the model is.
     """
     began = time.monotonic()
-    checker = model_at(scene, level, progress)
+    checker = model_at(scene, effort, progress)
     scene = exposed_like(scene, checker.exposure, present_exposure)
     found = explore(scene, checker, objective=reader, seed=seed)
     first, last = found.stages[0], found.stages[-1]
@@ -218,7 +218,7 @@ def answer(
         for name in ("phi", "drive")
     )
     return Answer(
-        level,
+        effort,
         baseline,
         baseline if kept else LightErrors.of(checker, last),
         last.design,
@@ -246,11 +246,11 @@ def exposed_like(scene: Scene, exposure: float, present: float | None) -> Scene:
 
 
 def answer_key(
-    scene: Scene, level: StudyLevel, reader: ReaderName, seed: int, present: float | None
+    scene: Scene, effort: StudyEffort, reader: ReaderName, seed: int, present: float | None
 ) -> str:
     """Return 16 hex digits of all that an answer depends on; sources and names have no part."""
     content = {name: part for name, part in written_of(scene).content.items() if name != "name"}
-    asked = [scene.hash, _without_sources(content), level, reader, seed, present]
+    asked = [scene.hash, _without_sources(content), effort, reader, seed, present]
     about = json.dumps([*asked, FORMAT, program_version()], sort_keys=True, default=str)
     return hashlib.sha256(about.encode()).hexdigest()[:16]
 

@@ -1,7 +1,7 @@
 """A study of dimensions: what the numbers of a scene file are worth, each with its own best lights.
 
 One dimension, or few combinations of several, are a grid; others are searched by CMA-ES. All
-sensors are answered on one level, the best of them and the present one then on a finer one.
+sensors are answered on one effort, the best of them and the present one then on a finer one.
 Every answer is kept in a folder as soon as it is there, so that a stopped study goes on.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from optimize.design import Design
 from optimize.dimensions.answer import (
     Answer,
-    StudyLevel,
+    StudyEffort,
     exposed_like,
     model_at,
 )
@@ -41,7 +41,7 @@ PER_DIMENSION = 20
 MOST_NAMED = 8
 """Sensors that a sentence names."""
 FINALISTS = 1
-"""Sensors beside the present one that the finer level answers."""
+"""Sensors beside the present one that the finer effort answers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class StudyRow:
 
     Arguments:
         values: of the dimensions, in the file's units.
-        answer: what the level says.
+        answer: what the effort says.
         changes: of each reader's error with the best lights, from the present sensor with its best
             lights; empty for that sensor itself.
     """
@@ -64,7 +64,7 @@ class StudyRow:
         lights = {"baseline": self.answer.baseline, "best": self.answer.best}
         return {
             "values": list(self.values),
-            "level": self.answer.level,
+            "effort": self.answer.effort,
             **{
                 f"{name}_{reader}_deg": errors.mean(reader)
                 for name, errors in lights.items()
@@ -87,7 +87,7 @@ class Study:
         seed: of all searches.
         rows: of all sensors that were looked at, the present one among them, in the order of their
             values.
-        finalists: the same of the finer level, the present sensor first; none where it was not
+        finalists: the same of the finer effort, the present sensor first; none where it was not
             asked.
         seconds: of wall time, this run alone.
     """
@@ -123,7 +123,7 @@ class Study:
 
     @property
     def judged(self) -> tuple[StudyRow, ...]:
-        """The rows that decide: the finalists, or all where there is one level."""
+        """The rows that decide: the finalists, or all where there is one effort."""
         return self.finalists or self.rows
 
     @cached_property
@@ -160,7 +160,7 @@ class Study:
 
     @property
     def present(self) -> StudyRow:
-        """The row of the sensor as it is, on the level that decides."""
+        """The row of the sensor as it is, on the effort that decides."""
         return next(row for row in self.judged if not row.changes)
 
     @property
@@ -261,9 +261,9 @@ class Study:
         return texts
 
     def rated(self, row: StudyRow, key: str, title: str, scene: Scene) -> Stage:
-        """Return what the level of a row says about its lights, as `tactilux.rate` does."""
+        """Return what the effort of a row says about its lights, as `tactilux.rate` does."""
         design: Design = row.answer.design
-        checker = model_at(scene, row.answer.level)
+        checker = model_at(scene, row.answer.effort)
         return rate(checker, scene, key, title, "", design)
 
     def to_json(self) -> dict[str, Any]:
@@ -314,7 +314,7 @@ def run_study(
     """
     began = time.monotonic()
     answers = KeptAnswers(variants, reader, seed, folder, progress)
-    first = first_level(variants, coarse=coarse)
+    first = first_effort(variants, coarse=coarse)
     _ask(answers, first)
     rows = _rows(answers, first, answers.on(first))
     finalists: tuple[StudyRow, ...] = ()
@@ -328,8 +328,8 @@ def run_study(
     return Study(variants, reader, seed, rows, finalists, time.monotonic() - began)
 
 
-def first_level(variants: Variants, *, coarse: bool) -> StudyLevel:
-    """Return the level that answers about every sensor of a study.
+def first_effort(variants: Variants, *, coarse: bool) -> StudyEffort:
+    """Return the effort that answers about every sensor of a study.
 
     Few light paths behind a diffuser leave so much noise that the preview as drawn is better. Where
     limits of designs alone are varied, light is followed once for all.
@@ -339,15 +339,15 @@ def first_level(variants: Variants, *, coarse: bool) -> StudyLevel:
     return "drawn" if coarse or variants.scene.diffuser is not None else "few"
 
 
-def _ask(answers: KeptAnswers, level: StudyLevel) -> None:
-    """Ask a level about all sensors, or about those that a search wants to know of."""
+def _ask(answers: KeptAnswers, effort: StudyEffort) -> None:
+    """Ask an effort about all sensors, or about those that a search wants to know of."""
     variants, most = answers.variants, PER_DIMENSION * len(answers.variants.dimensions)
     grid = len(variants.dimensions) == 1 or len(variants) <= most
     answers.expected = len({*variants, variants.present}) if grid else most + 1
-    answers.at(level, variants.present)
+    answers.at(effort, variants.present)
     if grid:
         for values in variants:
-            answers.at(level, values)
+            answers.at(effort, values)
         return
     axes = [one.values for one in variants.dimensions]
 
@@ -355,7 +355,7 @@ def _ask(answers: KeptAnswers, level: StudyLevel) -> None:
         return tuple(axis[number] for axis, number in zip(axes, point, strict=True))
 
     def loss(point: Point) -> float:
-        return float(np.log(answers.at(level, values_at(point)).best.mean(answers.reader)))
+        return float(np.log(answers.at(effort, values_at(point)).best.mean(answers.reader)))
 
     stepped_search(
         loss,
@@ -380,27 +380,27 @@ def _nearest(variants: Variants, axes: Sequence[Sequence[float]]) -> Point:
 
 
 def _rows(
-    answers: KeptAnswers, level: StudyLevel, chosen: Sequence[Values], *, ordered: bool = True
+    answers: KeptAnswers, effort: StudyEffort, chosen: Sequence[Values], *, ordered: bool = True
 ) -> tuple[StudyRow, ...]:
-    """Return the rows of some sensors, held against the present one on the same level.
+    """Return the rows of some sensors, held against the present one on the same effort.
 
     More of a limit is never worse: a row has the best design of all that it allows.
     """
     present = answers.variants.present
     for values in chosen:
-        answers.at(level, values)
+        answers.at(effort, values)
 
-    answered = set(answers.on(level))
+    answered = set(answers.on(effort))
 
     def row(values: Values) -> StudyRow:
         # What is allowed with less is allowed with more: a search may have missed it there.
-        allowed = [answers.at(level, one) for one in answers.variants.within(values)
+        allowed = [answers.at(effort, one) for one in answers.variants.within(values)
                    if one in answered]  # fmt: skip
         said = min(allowed, key=lambda one: one.best.mean(answers.reader))
         changes: dict[ReaderName, RelativeChange] = {}
         if values != present:
             for reader in READERS:
-                changes[reader] = relative_change(base, said.best, reader, level, count)
+                changes[reader] = relative_change(base, said.best, reader, effort, count)
         return StudyRow(values, said, changes)
 
     base, count = row(present).answer.best, max(len(chosen) - 1, 1)

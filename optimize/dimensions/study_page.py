@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from optimize.design import SCENE, keep_scene, save_design
-from optimize.dimensions.answer import LEVELS
+from optimize.dimensions.answer import EFFORT_NAMES
 from optimize.dimensions.dimension import Dimension
 from optimize.dimensions.kept_answers import ANSWERS
 from optimize.dimensions.study import Study, StudyRow
@@ -48,7 +48,7 @@ LEGEND = (
     "best found for that sensor; sensor: one smooth map for the whole sensor; place: a lookup that "
     "knows every place. Light: that reaches the camera, relative to the sensor as it is. Change: "
     "from the sensor as it is, each with its best lights; 95 % intervals of all rows at once, with "
-    "what the level errs by. The photon noise of traced light is taken out of all errors."
+    "what the model errs by. The photon noise of traced light is taken out of all errors."
 )
 PARETO = (
     f" {MARK}: no other row has less error at no more of any limit. With more of a limit the best "
@@ -75,7 +75,7 @@ def table_of(study: Study, most: int | None = None) -> tuple[list[str], list[lis
     names = [one.key + (f", {one.unit}" if one.unit else "") for one in study.variants.dimensions]
     marked = ["Pareto"] if study.pareto else []
     headings = [
-        *names, "sensor reader", "place reader", "light", f"change, {study.reader}", "level",
+        *names, "sensor reader", "place reader", "light", f"change, {study.reader}", "effort",
         *marked,
     ]  # fmt: skip
     return headings, [_cells(study, row) for row in rows_of(study, most)]
@@ -93,12 +93,13 @@ def _cells(study: Study, row: StudyRow) -> list[str]:
     ]
     change = row.changes[study.reader].words if row.changes else "as it is"
     base = next(one for one in study.rows + study.finalists
-                if not one.changes and one.answer.level == said.level)  # fmt: skip
+                if not one.changes and one.answer.effort == said.effort)  # fmt: skip
     light = base.answer.best.exposure / said.best.exposure
     mark = MARK if row in study.rows and row.values in study.pareto else ""
     return [
         *(f"{value:g}" for value in row.values),
-        *errors, f"{light:.2f}", change, LEVELS[said.level], *([mark] if study.pareto else []),
+        *errors, f"{light:.2f}", change, EFFORT_NAMES[said.effort],
+        *([mark] if study.pareto else []),
     ]  # fmt: skip
 
 

@@ -102,7 +102,7 @@ def test_what_a_search_missed_is_what_less_allows(
     """Every answer is invented: with five lamps the search is out of luck."""
     invented = {1: 9.0, 2: 2.0, 3: 3.0, 4: 1.0, 5: 8.0}
 
-    def answer(scene: Scene, level: Any, *_: Any) -> Answer:
+    def answer(scene: Scene, effort: Any, *_: Any) -> Answer:
         assert scene.search is not None
         most = scene.search.lamps
         assert most is not None
@@ -113,7 +113,7 @@ def test_what_a_search_missed_is_what_less_allows(
         colors = limits.nearest_colors(preference)
         drive = np.where(colors[:, None] == np.arange(3), 1.0, 0.0)
         design = Design(np.full(len(colors), np.pi / 2), drive, scene.palette)
-        return Answer(level, errors, errors, design, None, 1.0, None, 0.0)
+        return Answer(effort, errors, errors, design, None, 1.0, None, 0.0)
 
     monkeypatch.setattr(kept_answers, "answer", answer)
     found = study_of(sides, "search.lamps=1:5:1")
