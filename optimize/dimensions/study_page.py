@@ -33,7 +33,7 @@ from optimize.ui.console import counted, print_table
 from optimize.ui.output import MANIFEST, writable
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_json, write_text
-from render.scene import standalone, write_scene
+from render.scene import rewritten, standalone, write_scene
 
 PAGE, PLOT, BEST, PLAN = "dimensions.html", "dimensions.png", "best.toml", "study.json"
 PRESENT_DESIGN, POINTS = "as-it-is.json", "points"
@@ -229,7 +229,12 @@ def _write_points(target: Path, study: Study) -> list[Path]:
         folder = target / POINTS / "-".join(f"{value:g}" for value in row.values)
         folder.mkdir(parents=True, exist_ok=True)
         scene = study.scene_of(row)
-        keep_scene(folder, standalone(scene))
+        if row.changes:
+            shown = study.variants.shown(row.values)
+            scene = rewritten(scene, f"{shown} of tactilux explore {study.flags}")
+            write_scene(folder / SCENE, scene)
+        else:
+            keep_scene(folder, standalone(scene))
         point = study.rated(row, "point", study.variants.shown(row.values), scene)
         save_design(folder / DESIGN, point.design, scene, point.rating)
         written.append(folder / DESIGN)

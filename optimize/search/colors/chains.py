@@ -9,7 +9,6 @@ best are scored again in float64.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from optimize.design import Array, Colors, SearchLimits
-from optimize.search.colors.enumeration import BestAssignments
+from optimize.search.colors.enumeration import BestAssignments, check_range, workers
 from render.metric import MetricConfig
 from render.progress import Clock, OnProgress
 
@@ -130,6 +129,7 @@ class Chains:
         self.ring = np.arange(self.fibers) if limits.runs is None else limits.runs.ring
         self.runs = self.fibers if limits.runs is None else min(limits.runs.most, self.fibers)
         self.by_change = not limits.may_be_off
+        check_range(units)
         lit = np.moveaxis(units[self.ring, : self.colors], 0, 1)
         self._whole = lit.sum(axis=1)
         if self.by_change:
@@ -153,10 +153,10 @@ class Chains:
         tasks = list(self._tasks())
         clock = Clock(sum(self._cost(*task) for task in tasks), progress)
         scores, chosen = self._of_one_color()
-        evaluated, workers = len(scores), len(os.sched_getaffinity(0))
-        with ThreadPoolExecutor(workers) as pool:
-            for first in range(0, len(tasks), 8 * workers):
-                batch = tasks[first : first + 8 * workers]
+        evaluated, cores = len(scores), workers()
+        with ThreadPoolExecutor(cores) as pool:
+            for first in range(0, len(tasks), 8 * cores):
+                batch = tasks[first : first + 8 * cores]
                 order = np.argsort(-scores, kind="stable")[:keep]
                 scores, chosen = scores[order], chosen[order]
                 least = scores[-1] if len(scores) == keep else np.float32(-np.inf)

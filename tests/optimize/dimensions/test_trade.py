@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from optimize.design import Design, limits_of, open_rated
+from optimize.design.runs import count_runs
 from optimize.dimensions import (
     Study,
     Variants,
@@ -170,6 +171,18 @@ def test_every_point_of_a_map_is_a_design_that_becomes_a_sensor(
         assert rated.rating.read.reader_error_deg == pytest.approx(
             row.answer.best.measured("sensor")
         )
+
+
+def test_runs_of_a_sensor_whose_lamps_stay_are_a_map_as_well(small: Scene, tmp_path: Path) -> None:
+    found = study_of(small, "search.runs=1,2,3")
+    result = write_study(tmp_path / "runs", found)
+    for row, said in zip(found.rows, result["rows"], strict=True):
+        rated = open_rated(Path(said["design"]))
+        assert count_runs(rated.design.colors[None])[0] <= row.values[0]
+        assert limits_of(rated.scene).fits(rated.design.colors[None])[0]
+    errors = [row.answer.best.mean("sensor") for row in found.rows]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 2.0 * errors[2]
 
 
 @pytest.mark.parametrize(
