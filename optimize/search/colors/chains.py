@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from optimize.scoring.metric_kernel import Single
 
 MOST_CHAINS = 10**9
-"""Colorings of a class that is scored as a whole; twenty minutes of two cores for three states."""
+"""Colorings of a class that is scored as a whole; half an hour of two cores for three states."""
 
 
 def is_chained(limits: SearchLimits) -> bool:
