@@ -456,13 +456,17 @@ def study(
     objective: ReaderName = "sensor",
     coarse: bool = False,
     lamps_follow: bool = False,
+    place: bool = False,
+    lamps: int | None = None,
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: OnProgress | bool | None = None,
 ) -> Study:
     """Return what numbers of a scene file are worth, each value with the best lights found for it.
 
-    One number is a grid, as are few combinations of several; others are searched by CMA-ES::
+    One number is a grid, as are few combinations of several; others are searched by CMA-ES.
+    ``search.lamps`` and ``search.runs`` are numbers as well: ``pareto`` of the study has the values
+    that are worth what they cost::
 
         found = tactilux.study("digit", {"pad.thickness": [4, 5], "coating.albedo": "0.3:0.6:0.1"})
         found.best.scene, found.best.design
@@ -474,6 +478,8 @@ def study(
         objective: whose degrees decide, the ``sensor`` or the ``place`` reader's.
         coarse: ask the preview alone, in seconds a sensor; else traced light answers too.
         lamps_follow: lamps keep their height as a part of a ``pad.thickness`` that is varied.
+        place: lamps may sit elsewhere on every sensor: on the places of its file, or any edge.
+        lamps: at most so many are lit (default: as the scene says).
         seed: of all searches; the same seed gives the same study.
         checkpoint: a folder; interrupted, the same call goes on from there.
         progress: told of every sensor; True is a bar.
@@ -495,9 +501,13 @@ def study(
     as_one_of(objective, READERS, "objective", DesignError)
     as_kind(coarse, bool, "coarse", "True or False", SceneError)
     as_kind(lamps_follow, bool, "lamps_follow", "True or False", SceneError)
+    as_kind(place, bool, "place", "True or False", SceneError)
+    most = None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1)
     chosen = as_whole(seed, "seed", SceneError, least=0)
     folder = as_folder(checkpoint, "checkpoint", SceneError)
-    variants = Variants(sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow)
+    variants = Variants(
+        sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow, place=place, lamps=most
+    )
     with shown_progress(progress, "") as report:
         return run_study(
             variants, reader=objective, coarse=coarse, seed=chosen, folder=folder, progress=report

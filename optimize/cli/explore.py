@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import IO, TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
@@ -16,7 +16,9 @@ from render.progress import Progress, in_stage
 
 if TYPE_CHECKING:
     from optimize.exploration import Exploration
+    from optimize.objectives import ObjectiveName
     from optimize.search import SearchStep
+    from render.scene import Scene
 
 
 def run(
@@ -65,11 +67,13 @@ def run(
         from optimize.dimensions.vary_command import explore_dimensions
 
         refused: dict[str, object] = {"--model": model, "--robust": robust, "--shadow": shadow}
-        refused |= {"--place": place or None, "--lamps": lamps, "--parts": parts, "--shots": shots}
+        refused |= {"--parts": parts, "--shots": shots}
         return explore_dimensions(
             scene_name,
             vary or [],
             lamps_follow=lamps_follow,
+            place=place,
+            lamps=lamps,
             out=out,
             coarse=coarse,
             objective=objective,
@@ -79,14 +83,9 @@ def run(
         )
     from optimize.design import noise_words
     from optimize.exploration import explore
-    from optimize.placement import moved_sentence, parts_sentence, searched_scene
-    from optimize.report import DESIGN, print_scores, warnings, write_exploration
-    from optimize.robust import (
-        RobustnessStudy,
-        print_study,
-        study_robustness,
-        usual_tolerances_note,
-    )
+    from optimize.placement import searched_scene
+    from optimize.report import DESIGN, write_exploration
+    from optimize.robust import study_robustness
     from optimize.scoring import first_model, is_prompt, open_model
     from optimize.ui.output import check_target, design_in
     from render.describe import stale_sources
@@ -105,21 +104,7 @@ def run(
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)
-        if robust is not None:
-            for told in usual_tolerances_note(scene):
-                note(told)
-        if shadow is not None and not math.isfinite(shadow):
-            raise DesignError(
-                f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"
-            )
-        refined = robust is not None or shadow is not None
-        if shadow is not None and objective not in {None, "score"}:
-            raise DesignError(
-                f"--objective = {objective} with --shadow, which weighs counts of S, allowed: "
-                "score; leave one of them out",
-                field="objective",
-            )
-        goal = objective or ("sensor" if shadow is None else "score")
+        goal = _goal(scene, objective, robust, shadow)
         target = out or Path("runs") / f"{own_name}-explore"
         check_target(target)
         earlier = design_in(target / DESIGN)
@@ -144,7 +129,7 @@ def run(
                     progress=_Steps(bar),
                     report=in_stage(bar, f"for the {goal} reader"),
                 )
-                if last and refined:
+                if last and (robust is not None or shadow is not None):
                     bar.note("  refining for what was asked")
                     found = study_robustness(found, robust, shadow, bar)
                 bar.note("  drawing pictures and the report")
@@ -162,19 +147,54 @@ def run(
         if as_json:
             print_json(stream, result)
         else:
-            doubts = warnings(found.stages, found.ranking, found.objective)
-            if not found.ranking.reliable:
-                stream.write(f"Note: {doubts.pop(0)}\n")
-            print_scores(stream, found.stages, found.checker.coverage)
-            if isinstance(found.study, RobustnessStudy):
-                print_study(stream, found.study, {e.key: e.title for e in found.stages})
-            if place:
-                stream.write(f"{moved_sentence(found)}\n")
-            if scene.search and scene.search.parts:
-                stream.write(f"{parts_sentence(found)}\n")
-            for warning in doubts:
-                stream.write(f"Note: {warning}\n")
+            _print_found(stream, found, place=place)
             stream.write(f"Design: {result['design']}\nReport: {result['report']}\n")
+
+
+def _goal(
+    scene: Scene, objective: ObjectiveName | None, robust: str | None, shadow: float | None
+) -> ObjectiveName:
+    """Return what is improved, and note the tolerances that are assumed.
+
+    Raises:
+        DesignError: the weight of shadows is no number, or goes with no reader.
+    """
+    from optimize.robust import usual_tolerances_note
+
+    if robust is not None:
+        for told in usual_tolerances_note(scene):
+            note(told)
+    if shadow is not None and not math.isfinite(shadow):
+        raise DesignError(
+            f"--shadow = {shadow}, allowed: a finite weight of at least 0", field="shadow"
+        )
+    if shadow is not None and objective not in {None, "score"}:
+        raise DesignError(
+            f"--objective = {objective} with --shadow, which weighs counts of S, allowed: "
+            "score; leave one of them out",
+            field="objective",
+        )
+    return objective or ("sensor" if shadow is None else "score")
+
+
+def _print_found(stream: IO[str], found: Exploration, *, place: bool) -> None:
+    """Print the table of the stages, what a placement moved, and what is doubtful."""
+    from optimize.placement import moved_sentence, parts_sentence
+    from optimize.report import print_scores, warnings
+    from optimize.robust import RobustnessStudy, print_study
+
+    doubts = warnings(found.stages, found.ranking, found.objective)
+    if not found.ranking.reliable:
+        stream.write(f"Note: {doubts.pop(0)}\n")
+    print_scores(stream, found.stages, found.checker.coverage)
+    if isinstance(found.study, RobustnessStudy):
+        print_study(stream, found.study, {e.key: e.title for e in found.stages})
+    if place:
+        stream.write(f"{moved_sentence(found)}\n")
+    if found.scene.search and found.scene.search.parts:
+        stream.write(f"{parts_sentence(found)}\n")
+    for warning in doubts:
+        stream.write(f"Note: {warning}\n")
 
 
 def _first_answer(found: Exploration, target: Path, seconds: float) -> str:

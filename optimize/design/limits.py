@@ -17,6 +17,7 @@ from optimize.design.part_limits import (
     part_choices,
     searched_parts,
 )
+from optimize.design.runs import Runs, around_rim
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
@@ -42,6 +43,7 @@ class SearchLimits:
         most_lit: fibers that may be lit at once; None is all.
         exclusive: ``(F, F)`` fibers of which at most one may be lit; None where all may.
         budgets: what lit fibers may cost together.
+        runs: of one color along the ring that there may be; None is any number.
     """
 
     allowed: NDArray[np.bool_]
@@ -56,6 +58,7 @@ class SearchLimits:
     most_lit: int | None = None
     exclusive: NDArray[np.bool_] | None = None
     budgets: tuple[Budget, ...] = ()
+    runs: Runs | None = None
 
     @cached_property
     def rules(self) -> LinearRules:
@@ -78,12 +81,33 @@ class SearchLimits:
     @property
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
-        return bool(not self.allowed.all() or len(self.rules.most))
+        return bool(not self.allowed.all() or len(self.rules.most) or self.runs_limited)
 
     @property
     def some_stay_off(self) -> bool:
         """Whether fewer fibers may be lit than there are."""
         return self.most_lit is not None and self.most_lit < len(self.allowed)
+
+    @property
+    def runs_limited(self) -> bool:
+        """Whether some coloring has too many runs."""
+        return self.runs is not None and self.runs.most < len(self.allowed)
+
+    @property
+    def words(self) -> str:
+        """What colorings are searched, in words that follow *designs*; empty where all are.
+
+        >>> from dataclasses import replace
+        >>> replace(unlimited(9, off=True), most_lit=2).words
+        ' with at most 2 of 9 lamps lit'
+        """
+        parts = []
+        if self.some_stay_off:
+            parts.append(f"at most {self.most_lit} of {len(self.allowed)} lamps lit")
+        if self.runs is not None and self.runs_limited:
+            most = self.runs.most
+            parts.append(f"at most {most} run{'s' * (most != 1)} of one color")
+        return f" with {' and '.join(parts)}" if parts else ""
 
     @property
     def colors_alike(self) -> bool:
@@ -109,7 +133,10 @@ class SearchLimits:
         if not self.may_be_off:
             permitted &= (chosen != DARK).all(axis=1)
         # Where off is no choice it has no weight, and is not permitted.
-        return np.asarray(permitted & self.rules.fit(chosen))
+        permitted &= self.rules.fit(chosen)
+        if self.runs is not None:
+            permitted &= self.runs.fit(chosen)
+        return np.asarray(permitted)
 
     @property
     def led(self) -> Colors:
@@ -120,9 +147,21 @@ class SearchLimits:
     def nearest_colors(self, preference: Array) -> Colors:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
+        Where runs are limited it is near the best.
+
         Raises:
             DesignError: no coloring is allowed.
         """
+        if self.runs is not None and self.runs_limited:
+            value = np.where(self.allowed, preference, -np.inf)
+            choices = self.runs.nearest(value, self.rules, len(self.palette.names))
+            if choices is None:
+                raise DesignError(
+                    f"no choice of colors in at most {self.runs.most} runs fulfills the "
+                    "constraints: allow more runs, fix fewer fibers or allow more LEDs per color",
+                    field="search.runs",
+                )
+            return self.colors_of(choices)
         choices = self.rules.best_choice(preference, self.allowed)
         if choices is not None:
             return self.colors_of(choices)
@@ -251,10 +290,11 @@ def limits_of(scene: Scene) -> SearchLimits:
     """
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
     most_lit = scene.search.lamps if scene.search is not None else None
+    most_runs = scene.search.runs if scene.search is not None else None
     straight = math.pi / 2
     parts = searched_parts(scene)
     draws = scene.search is not None and scene.search.current is not None
-    if given is None and most_lit is None and not parts and not draws:
+    if given is None and most_lit is None and not parts and not draws and most_runs is None:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
@@ -295,6 +335,7 @@ def limits_of(scene: Scene) -> SearchLimits:
         most_lit=most_lit,
         exclusive=exclusive,
         budgets=budgets_of(scene, led_power, allowed),
+        runs=None if most_runs is None else Runs(most_runs, around_rim(scene)),
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))

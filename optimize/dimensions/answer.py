@@ -24,13 +24,13 @@ from render.scene.scene_file import written_of
 from surrogate.preview_model import few_paths_checker, preview_checker
 from surrogate.runtime import Checker
 
-StudyLevel = Literal["drawn", "few", "converged"]
+StudyEffort = Literal["drawn", "few", "converged"]
 """The preview as the shader draws it, or with traced light of few or of all paths."""
-LEVELS: dict[StudyLevel, str] = {
+EFFORT_NAMES: dict[StudyEffort, str] = {
     "drawn": "preview", "few": "few paths", "converged": "converged",
 }  # fmt: skip
 """What people call them."""
-FORMAT = 1
+FORMAT = 2
 """Part of the name of a kept answer: raise it when answers mean something else."""
 NOISE_DRAWS, NOISE_SEED = 2, 73
 """Draws of the photon noise that is added to colors, the same for all sensors."""
@@ -122,22 +122,24 @@ class LightErrors:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What one level says about one sensor.
+    """What one effort says about one sensor.
 
     Arguments:
-        level: that answers.
+        effort: that answers.
         baseline: with its baseline lights.
         best: with the best lights found for it.
         design: those.
+        proven: how many designs are allowed, where that is proven to be the best of them.
         scene_exposure: counts per 1/(mm^2 sr) at the scene's own exposure.
         photon_noise: of facet colors, relative, where light was traced.
         seconds: that it took.
     """
 
-    level: StudyLevel
+    effort: StudyEffort
     baseline: LightErrors
     best: LightErrors
     design: Design
+    proven: int | None
     scene_exposure: float
     photon_noise: float | None
     seconds: float
@@ -145,11 +147,12 @@ class Answer:
     def to_json(self) -> dict[str, Any]:
         """Return what `from_json` reads: the same numbers, bit by bit."""
         return {
-            "level": self.level,
+            "effort": self.effort,
             "baseline": self.baseline.to_json(),
             "best": self.best.to_json(),
             "phi": self.design.phi.tolist(),
             "drive": self.design.drive.tolist(),
+            "proven": self.proven,
             "scene_exposure": self.scene_exposure,
             "photon_noise": self.photon_noise,
             "seconds": self.seconds,
@@ -164,39 +167,40 @@ class Answer:
         """
         noise = content["photon_noise"]
         return cls(
-            content["level"],
+            content["effort"],
             LightErrors.from_json(content["baseline"]),
             LightErrors.from_json(content["best"]),
             Design(np.array(content["phi"]), np.array(content["drive"]), scene.palette),
+            None if content["proven"] is None else int(content["proven"]),
             float(content["scene_exposure"]),
             None if noise is None else float(noise),
             float(content["seconds"]),
         )
 
 
-def model_at(scene: Scene, level: StudyLevel, progress: OnProgress | None = None) -> Checker:
-    """Return what answers about ``scene`` at a level; trained models take no part.
+def model_at(scene: Scene, effort: StudyEffort, progress: OnProgress | None = None) -> Checker:
+    """Return what answers about ``scene`` at an effort; trained models take no part.
 
     Sensors are held against each other, so that all have the same kind of model.
     """
-    if level == "few":
+    if effort == "few":
         return few_paths_checker(scene, progress)
-    return preview_checker(scene, progress, coarse=level == "drawn")
+    return preview_checker(scene, progress, coarse=effort == "drawn")
 
 
 def answer(
     scene: Scene,
-    level: StudyLevel,
+    effort: StudyEffort,
     reader: ReaderName,
     seed: int,
     present_exposure: float | None = None,
     progress: OnProgress | None = None,
 ) -> Answer:
-    """Return what ``level`` says about ``scene`` and its best lights for a ``reader``.
+    """Return what ``effort`` says about ``scene`` and its best lights for a ``reader``.
 
     Arguments:
         scene: the sensor.
-        level: of the model.
+        effort: of the model.
         reader: whose degrees the search for lights lowers.
         seed: of that search; light, normals and noise are drawn alike for all sensors.
         present_exposure: `Answer.scene_exposure` of the sensor that this one is held against: the
@@ -204,15 +208,21 @@ def answer(
         progress: told how far the model is.
     """
     began = time.monotonic()
-    checker = model_at(scene, level, progress)
+    checker = model_at(scene, effort, progress)
     scene = exposed_like(scene, checker.exposure, present_exposure)
     found = explore(scene, checker, objective=reader, seed=seed)
     first, last = found.stages[0], found.stages[-1]
+    baseline = LightErrors.of(checker, first)
+    kept = all(
+        np.array_equal(getattr(first.design, name), getattr(last.design, name))
+        for name in ("phi", "drive")
+    )
     return Answer(
-        level,
-        LightErrors.of(checker, first),
-        LightErrors.of(checker, last),
+        effort,
+        baseline,
+        baseline if kept else LightErrors.of(checker, last),
         last.design,
+        found.proven,
         checker.exposure,
         checker.photon_noise,
         round(time.monotonic() - began, 3),
@@ -236,11 +246,11 @@ def exposed_like(scene: Scene, exposure: float, present: float | None) -> Scene:
 
 
 def answer_key(
-    scene: Scene, level: StudyLevel, reader: ReaderName, seed: int, present: float | None
+    scene: Scene, effort: StudyEffort, reader: ReaderName, seed: int, present: float | None
 ) -> str:
     """Return 16 hex digits of all that an answer depends on; sources and names have no part."""
     content = {name: part for name, part in written_of(scene).content.items() if name != "name"}
-    asked = [scene.hash, _without_sources(content), level, reader, seed, present]
+    asked = [scene.hash, _without_sources(content), effort, reader, seed, present]
     about = json.dumps([*asked, FORMAT, program_version()], sort_keys=True, default=str)
     return hashlib.sha256(about.encode()).hexdigest()[:16]
 

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from optimize.placement import searched_scene
 from render.arguments import refuse
 from render.errors import SceneError
 from render.refused_values import did_you_mean
-from render.scene import Scene
+from render.scene import OFF, Scene
 from render.scene.scene_file import written_of
 
 MOST_VALUES, MOST_SENSORS = 64, 4096
@@ -25,6 +26,15 @@ MEASURES = (
     "tolerances", "free",
 )  # fmt: skip
 """Parts of a file that say by what a sensor is judged: a study holds them as they are."""
+LIMITS = {
+    "search.lamps": "lamps", "search.runs": "runs", "search.current": "", "search.price": "",
+}  # fmt: skip
+"""Numbers that allow more designs the larger they are, the sensor staying the same; what they
+count."""
+COSTS = (*LIMITS, "camera.shots")
+"""Numbers of which a builder wants little."""
+SEARCH = "search"
+"""Section of the limits, whose other numbers say where lamps may sit."""
 Values = tuple[float, ...]
 """Of all dimensions of a sensor, in the file's units."""
 THICKNESS = "pad.thickness"
@@ -50,15 +60,26 @@ class Dimension:
     values: tuple[float, ...]
     present: float
 
+    @property
+    def is_limit(self) -> bool:
+        """Whether more of it only allows more designs."""
+        return self.key in LIMITS
+
+    @property
+    def is_cost(self) -> bool:
+        """Whether a builder wants little of it."""
+        return self.key in COSTS
+
     def shown(self, value: float) -> str:
         """Return a value with its unit."""
-        return f"{value:g} {self.unit}".rstrip()
+        unit = LIMITS.get(self.key) or self.unit
+        return f"{value:g} {unit[:-1] if value == 1 and self.is_limit else unit}".rstrip()
 
     def changes(self, value: float) -> dict[str, Any]:
         """Return what `Scene.with_` takes for the value."""
         if isinstance(self.present, int):
-            newer = {"schema": 2} if UNSAID.keys() & {*self.places} else {}
-            return newer | dict.fromkeys(self.places, int(value))
+            newer = UNSAID.keys() & {*self.places} or self.key.startswith(f"{SEARCH}.")
+            return ({"schema": 2} if newer else {}) | dict.fromkeys(self.places, int(value))
         return {place: {"value": value, "source": SOURCE} for place in self.places}
 
 
@@ -130,16 +151,21 @@ def dimension(scene: Scene, key: str, values: Sequence[float]) -> Dimension:
 def numbers_of(scene: Scene) -> dict[str, tuple[float, str]]:
     """Return the single numbers of a scene's file by their keys, each with its unit.
 
+    Limits that the file does not say are there with what they are without it: as many lamps as the
+    baseline lights, and a run for each.
+
     Raises:
         SceneError: the scene was made in memory from another one.
     """
     content = written_of(scene).content
-    return UNSAID | {
+    lit = sum(color != OFF for color in scene.baseline_colors())
+    said = UNSAID | {
         key: found
         for name, part in content.items()
         if name not in MEASURES
         for key, found in _numbers(part, name)
     }
+    return said | {key: said.get(key, (lit, "")) for key in ("search.lamps", "search.runs")}
 
 
 class Variants:
@@ -150,14 +176,24 @@ class Variants:
     """
 
     def __init__(
-        self, scene: Scene, dimensions: Sequence[Dimension], *, lamps_follow: bool = False
+        self,
+        scene: Scene,
+        dimensions: Sequence[Dimension],
+        *,
+        lamps_follow: bool = False,
+        place: bool = False,
+        lamps: int | None = None,
     ) -> None:
         """Read every combination as a scene file is read.
 
-        With ``lamps_follow`` lamps keep their height as a part of a thickness that is varied.
+        With ``lamps_follow`` lamps keep their height as a part of a thickness that is varied. With
+        ``place``, or where the scene names places, lamps may sit elsewhere on each sensor; at most
+        ``lamps`` are lit, see `searched_scene`.
         """
         self.scene, self.dimensions = scene, tuple(dimensions)
-        self.lamps_follow = lamps_follow
+        self.lamps_follow, self.lamps = lamps_follow, lamps
+        self.place = place or bool(scene.search and scene.search.places)
+        self._check_search()
         if lamps_follow and not any(THICKNESS in one.places for one in dimensions):
             raise SceneError(
                 f"lamps follow {THICKNESS}, which is not varied: vary it, or let lamps stay",
@@ -175,7 +211,9 @@ class Variants:
                 field="vary",
             )
         self.present = tuple(float(one.present) for one in dimensions)
+        self._present = self.searched(scene)
         self._scenes: dict[Values, Scene] = {}
+        self._with_places: dict[Values, Scene] = {}
         refused: dict[Values, str] = {}
         for values in itertools.product(*(one.values for one in dimensions)):
             try:
@@ -203,8 +241,30 @@ class Variants:
         return len(self._scenes)
 
     def at(self, values: Values) -> Scene:
-        """Return the sensor of ``values``, the scene itself for the present ones."""
-        return self.scene if values == self.present else self._scenes[values]
+        """Return the sensor of ``values`` with its places, as its lights are searched."""
+        if values == self.present:
+            return self._present
+        if values not in self._with_places:
+            self._with_places[values] = self.searched(self._scenes[values])
+        return self._with_places[values]
+
+    def searched(self, scene: Scene) -> Scene:
+        """Return a sensor with the places of its lamps, as many lit as may be."""
+        if not self.place and self.lamps is None:
+            return scene
+        return searched_scene(scene, place=self.place, lamps=self.lamps)
+
+    @property
+    def one_sensor(self) -> bool:
+        """Whether only limits are varied, so that light is the same everywhere."""
+        return all(one.is_limit for one in self.dimensions)
+
+    def within(self, values: Values) -> Iterator[Values]:
+        """Yield the values whose designs are all allowed at ``values``: of limits no larger."""
+        for other in {*self._scenes, self.present}:
+            pairs = zip(self.dimensions, other, values, strict=True)
+            if all(low == high or (one.is_limit and low < high) for one, low, high in pairs):
+                yield other
 
     def shown(self, values: Values) -> str:
         """Return values with their units: ``4 mm``, or of several dimensions with their keys."""
@@ -225,6 +285,25 @@ class Variants:
 
     def _read(self, values: Values) -> Scene:
         return self.scene if values == self.present else self.scene.with_(**self.changes(values))
+
+    def _check_search(self) -> None:
+        """Refuse numbers of a search that would change nothing."""
+        for one in self.dimensions:
+            if one.key == "search.lamps" and self.lamps is not None:
+                raise SceneError(
+                    f"search.lamps is varied and lamps = {self.lamps} as well, allowed: one of "
+                    "both",
+                    field="lamps",
+                    option="--lamps",
+                )
+            rails = one.key.startswith(f"{SEARCH}.") and one.key not in COSTS
+            if rails and not self.place:
+                raise SceneError(
+                    f"{one.key} changes nothing while no lamp may sit elsewhere, allowed: with "
+                    "places to choose from",
+                    field=f"vary.{one.key}",
+                    option="--vary with --place",
+                )
 
     def _check(self, refused: Mapping[tuple[float, ...], str]) -> None:
         """Refuse values that no combination makes a sensor of."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optimize.dimensions.answer import LightErrors, StudyLevel
+from optimize.dimensions.answer import LightErrors, StudyEffort
 from optimize.objectives import ReaderName
 from optimize.readers import half_width
 
-MODEL_SPREAD: dict[StudyLevel, float] = {"drawn": 0.1, "few": 0.03, "converged": 0.03}
-"""One standard deviation of the logarithm of an error's ratio between two sensors, as a level has
-it: from the finest level (``python -m tests.validation.dimension_spread``), that of few paths on
+MODEL_SPREAD: dict[StudyEffort, float] = {"drawn": 0.1, "few": 0.03, "converged": 0.03}
+"""One standard deviation of the logarithm of an error's ratio between two sensors, as an effort has
+it: from the finest effort (``python -m tests.validation.dimension_spread``), that of few paths on
 pads without a diffuser. Converged light is taken to err as much as it differs from few paths."""
 COVERAGE = 0.95
 
@@ -58,13 +58,13 @@ def relative_change(
     present: LightErrors,
     other: LightErrors,
     reader: ReaderName,
-    level: StudyLevel,
+    effort: StudyEffort,
     comparisons: int = 1,
 ) -> RelativeChange:
     """Return how a reader's error changes from one sensor to another, with a 95 % interval.
 
     The interval adds up three errors of the logarithm of the ratio: the draws of normals and noise,
-    which both share; what the ``level`` errs by (`MODEL_SPREAD`); and all of the photon noise that
+    which both share; what the ``effort`` errs by (`MODEL_SPREAD`); and all of the photon noise that
     `LightErrors.mean` takes out of either. Of several ``comparisons`` with one sensor all hold at
     once (Bonferroni), so that the best of them may be picked.
 
@@ -72,13 +72,13 @@ def relative_change(
         present: errors of the sensor that is compared with.
         other: likewise, of the same draws.
         reader: whose errors.
-        level: of both models.
+        effort: of both models.
         comparisons: sensors that are held against this one.
     """
     first, last = getattr(present, reader), getattr(other, reader)
     value = math.log(other.mean(reader) / present.mean(reader))
     confidence = 1.0 - (1.0 - COVERAGE) / comparisons
-    known = half_width(np.log(last / first), np.array([MODEL_SPREAD[level]]), confidence)
+    known = half_width(np.log(last / first), np.array([MODEL_SPREAD[effort]]), confidence)
     taken = [math.log(one.measured(reader) / one.mean(reader)) for one in (present, other)]
     half = math.hypot(known, *taken)
     return RelativeChange(math.expm1(value), (math.expm1(value - half), math.expm1(value + half)))

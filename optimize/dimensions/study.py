@@ -1,7 +1,7 @@
 """A study of dimensions: what the numbers of a scene file are worth, each with its own best lights.
 
 One dimension, or few combinations of several, are a grid; others are searched by CMA-ES. All
-sensors are answered on one level, the best of them and the present one then on a finer one.
+sensors are answered on one effort, the best of them and the present one then on a finer one.
 Every answer is kept in a folder as soon as it is there, so that a stopped study goes on.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from optimize.design import Design
 from optimize.dimensions.answer import (
     Answer,
-    StudyLevel,
+    StudyEffort,
     exposed_like,
     model_at,
 )
@@ -29,6 +29,7 @@ from optimize.dimensions.relative_change import RelativeChange, relative_change
 from optimize.dimensions.stepped_search import Point, stepped_search
 from optimize.exploration import Stage, rate
 from optimize.objectives import READERS, ReaderName, title_of
+from optimize.placement import ending_in
 from render.progress import OnProgress
 from render.scene import Scene, rewritten
 
@@ -39,8 +40,8 @@ PER_DIMENSION = 20
 """Sensors that a search may look at; no more of them are a grid."""
 MOST_NAMED = 8
 """Sensors that a sentence names."""
-FINALISTS = 2
-"""Sensors beside the present one that the finer level answers."""
+FINALISTS = 1
+"""Sensors beside the present one that the finer effort answers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class StudyRow:
 
     Arguments:
         values: of the dimensions, in the file's units.
-        answer: what the level says.
+        answer: what the effort says.
         changes: of each reader's error with the best lights, from the present sensor with its best
             lights; empty for that sensor itself.
     """
@@ -63,13 +64,14 @@ class StudyRow:
         lights = {"baseline": self.answer.baseline, "best": self.answer.best}
         return {
             "values": list(self.values),
-            "level": self.answer.level,
+            "effort": self.answer.effort,
             **{
                 f"{name}_{reader}_deg": errors.mean(reader)
                 for name, errors in lights.items()
                 for reader in READERS
             },
             "changes": {reader: one.to_json() for reader, one in self.changes.items()},
+            "proven_best_of": self.answer.proven,
             "photon_noise": self.answer.photon_noise,
             "seconds": self.answer.seconds,
         }
@@ -85,7 +87,7 @@ class Study:
         seed: of all searches.
         rows: of all sensors that were looked at, the present one among them, in the order of their
             values.
-        finalists: the same of the finer level, the present sensor first; none where it was not
+        finalists: the same of the finer effort, the present sensor first; none where it was not
             asked.
         seconds: of wall time, this run alone.
     """
@@ -121,8 +123,34 @@ class Study:
 
     @property
     def judged(self) -> tuple[StudyRow, ...]:
-        """The rows that decide: the finalists, or all where there is one level."""
+        """The rows that decide: the finalists, or all where there is one effort."""
         return self.finalists or self.rows
+
+    @cached_property
+    def pareto(self) -> frozenset[Values]:
+        """The values that no other row beats: none has less error at no more of any cost.
+
+        Empty where no number of which a builder wants little is varied.
+        """
+        costs = [number for number, one in enumerate(self.variants.dimensions) if one.is_cost]
+        points = [
+            (
+                row.values,
+                [row.values[number] for number in costs],
+                row.answer.best.mean(self.reader),
+            )
+            for row in self.rows
+        ]
+
+        def beaten(cost: list[float], error: float) -> bool:
+            return any(
+                all(low <= high for low, high in zip(other, cost, strict=True))
+                and (less < error or (less == error and other != cost))
+                for _, other, less in points
+            )
+
+        return frozenset(values for values, cost, error in points
+                         if costs and not beaten(cost, error))  # fmt: skip
 
     @property
     def leading(self) -> StudyRow:
@@ -132,7 +160,7 @@ class Study:
 
     @property
     def present(self) -> StudyRow:
-        """The row of the sensor as it is, on the level that decides."""
+        """The row of the sensor as it is, on the effort that decides."""
         return next(row for row in self.judged if not row.changes)
 
     @property
@@ -151,7 +179,7 @@ class Study:
     def best_scene(self) -> Scene:
         """The sensor of the best row as a scene file of its own, which says where it is from."""
         if not self.chosen.changes:
-            return self.scene
+            return self.variants.at(self.variants.present)
         values = self.chosen.values
         source = f"chosen by tactilux explore {self.scene.name} {self.flags}: {self.sentence}"
         changes: dict[str, Any] = {
@@ -159,11 +187,19 @@ class Study:
             for key, change in self.variants.changes(values).items()
         }
         scene = exposed_like(
-            self.scene.with_(**changes),
+            self.variants.searched(self.scene.with_(**changes)),
             self.chosen.answer.scene_exposure,
             self.present.answer.scene_exposure,
         )
-        return rewritten(scene, source, name=f"{self.scene.name[:59]}-best")
+        return rewritten(scene, source, name=ending_in(self.scene.name, "-best"))
+
+    def scene_of(self, row: StudyRow) -> Scene:
+        """Return the sensor of a row with its places, which exposes no longer than the present."""
+        scene = self.variants.at(row.values)
+        if not row.changes or self.variants.one_sensor:
+            return scene
+        like = next(one for one in self.rows if not one.changes)
+        return exposed_like(scene, row.answer.scene_exposure, like.answer.scene_exposure)
 
     @property
     def flags(self) -> str:
@@ -172,7 +208,10 @@ class Study:
             f"--vary {one.key}={','.join(f'{value:g}' for value in one.values)}"
             for one in self.variants.dimensions
         ]
-        return " ".join(words + ["--lamps-follow"] * self.variants.lamps_follow)
+        words += ["--lamps-follow"] * self.variants.lamps_follow
+        words += ["--place"] * self.variants.place
+        words += [f"--lamps {self.variants.lamps}"] * (self.variants.lamps is not None)
+        return " ".join(words)
 
     @property
     def sentence(self) -> str:
@@ -206,6 +245,8 @@ class Study:
         texts = []
         for number, one in enumerate(self.variants.dimensions):
             value, ends = self.leading.values[number], {one.values[0], one.values[-1]}
+            if one.is_limit:
+                continue
             if len(one.values) > 2 and value in ends and self.chosen.changes:
                 texts.append(
                     f"{one.key} = {one.shown(value)} is at the end of its range: a wider one may "
@@ -220,9 +261,9 @@ class Study:
         return texts
 
     def rated(self, row: StudyRow, key: str, title: str, scene: Scene) -> Stage:
-        """Return what the level of a row says about its lights, as `tactilux.rate` does."""
+        """Return what the effort of a row says about its lights, as `tactilux.rate` does."""
         design: Design = row.answer.design
-        checker = model_at(scene, row.answer.level)
+        checker = model_at(scene, row.answer.effort)
         return rate(checker, scene, key, title, "", design)
 
     def to_json(self) -> dict[str, Any]:
@@ -242,7 +283,7 @@ class Study:
             "objective": self.reader,
             "seed": self.seed,
             "sensors": len(self.variants),
-            "rows": [row.to_json() for row in self.rows],
+            "rows": [row.to_json() | {"pareto": row.values in self.pareto} for row in self.rows],
             "finalists": [row.to_json() for row in self.finalists],
             "best": self.chosen.to_json(),
             "sentence": self.sentence,
@@ -273,11 +314,11 @@ def run_study(
     """
     began = time.monotonic()
     answers = KeptAnswers(variants, reader, seed, folder, progress)
-    first = first_level(variants.scene, coarse=coarse)
+    first = first_effort(variants, coarse=coarse)
     _ask(answers, first)
     rows = _rows(answers, first, answers.on(first))
     finalists: tuple[StudyRow, ...] = ()
-    if not coarse:
+    if first != "converged" and not coarse:
         others = sorted(
             (row for row in rows if row.changes), key=lambda row: row.changes[reader].value
         )
@@ -287,23 +328,26 @@ def run_study(
     return Study(variants, reader, seed, rows, finalists, time.monotonic() - began)
 
 
-def first_level(scene: Scene, *, coarse: bool) -> StudyLevel:
-    """Return the level that answers about every sensor of a study.
+def first_effort(variants: Variants, *, coarse: bool) -> StudyEffort:
+    """Return the effort that answers about every sensor of a study.
 
-    Few light paths behind a diffuser leave so much noise that the preview as drawn is better.
+    Few light paths behind a diffuser leave so much noise that the preview as drawn is better. Where
+    limits of designs alone are varied, light is followed once for all.
     """
-    return "drawn" if coarse or scene.diffuser is not None else "few"
+    if variants.one_sensor and not coarse:
+        return "converged"
+    return "drawn" if coarse or variants.scene.diffuser is not None else "few"
 
 
-def _ask(answers: KeptAnswers, level: StudyLevel) -> None:
-    """Ask a level about all sensors, or about those that a search wants to know of."""
+def _ask(answers: KeptAnswers, effort: StudyEffort) -> None:
+    """Ask an effort about all sensors, or about those that a search wants to know of."""
     variants, most = answers.variants, PER_DIMENSION * len(answers.variants.dimensions)
     grid = len(variants.dimensions) == 1 or len(variants) <= most
     answers.expected = len({*variants, variants.present}) if grid else most + 1
-    answers.at(level, variants.present)
+    answers.at(effort, variants.present)
     if grid:
         for values in variants:
-            answers.at(level, values)
+            answers.at(effort, values)
         return
     axes = [one.values for one in variants.dimensions]
 
@@ -311,7 +355,7 @@ def _ask(answers: KeptAnswers, level: StudyLevel) -> None:
         return tuple(axis[number] for axis, number in zip(axes, point, strict=True))
 
     def loss(point: Point) -> float:
-        return float(np.log(answers.at(level, values_at(point)).best.mean(answers.reader)))
+        return float(np.log(answers.at(effort, values_at(point)).best.mean(answers.reader)))
 
     stepped_search(
         loss,
@@ -336,18 +380,28 @@ def _nearest(variants: Variants, axes: Sequence[Sequence[float]]) -> Point:
 
 
 def _rows(
-    answers: KeptAnswers, level: StudyLevel, chosen: Sequence[Values], *, ordered: bool = True
+    answers: KeptAnswers, effort: StudyEffort, chosen: Sequence[Values], *, ordered: bool = True
 ) -> tuple[StudyRow, ...]:
-    """Return the rows of some sensors, held against the present one on the same level."""
+    """Return the rows of some sensors, held against the present one on the same effort.
+
+    More of a limit is never worse: a row has the best design of all that it allows.
+    """
     present = answers.variants.present
-    base, count = answers.at(level, present).best, max(len(chosen) - 1, 1)
+    for values in chosen:
+        answers.at(effort, values)
+
+    answered = set(answers.on(effort))
 
     def row(values: Values) -> StudyRow:
-        said = answers.at(level, values)
+        # What is allowed with less is allowed with more: a search may have missed it there.
+        allowed = [answers.at(effort, one) for one in answers.variants.within(values)
+                   if one in answered]  # fmt: skip
+        said = min(allowed, key=lambda one: one.best.mean(answers.reader))
         changes: dict[ReaderName, RelativeChange] = {}
         if values != present:
             for reader in READERS:
-                changes[reader] = relative_change(base, said.best, reader, level, count)
+                changes[reader] = relative_change(base, said.best, reader, effort, count)
         return StudyRow(values, said, changes)
 
+    base, count = row(present).answer.best, max(len(chosen) - 1, 1)
     return tuple(row(values) for values in (sorted(chosen) if ordered else chosen))

@@ -10,9 +10,10 @@ from typing import IO, Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from optimize.design import SCENE, keep_scene, save_design
-from optimize.dimensions.answer import LEVELS
+from optimize.dimensions.answer import EFFORT_NAMES
 from optimize.dimensions.dimension import Dimension
 from optimize.dimensions.kept_answers import ANSWERS
 from optimize.dimensions.study import Study, StudyRow
@@ -32,11 +33,13 @@ from optimize.ui.console import counted, print_table
 from optimize.ui.output import MANIFEST, writable
 from optimize.ui.provenance import package_versions
 from render.files import write_bytes, write_json, write_text
-from render.scene import save_scene, standalone
+from render.scene import rewritten, save_scene, standalone
 
 PAGE, PLOT, BEST, PLAN = "dimensions.html", "dimensions.png", "best.toml", "study.json"
-PRESENT_DESIGN = "as-it-is.json"
-"""Files of a study; `PLAN` is there from its beginning."""
+PRESENT_DESIGN, POINTS = "as-it-is.json", "points"
+"""Files of a study; `PLAN` is there from its beginning. In `POINTS` is a folder for each row."""
+MARK = "●"
+"""Of rows that no other beats."""
 SAMPLES, MOST_ROWS = 400, 20
 """Of renders that the page asks for, and rows that a terminal shows."""
 COLORS: dict[ReaderName, str] = {"sensor": "#1d4ed8", "place": "#b45309"}
@@ -45,7 +48,11 @@ LEGEND = (
     "best found for that sensor; sensor: one smooth map for the whole sensor; place: a lookup that "
     "knows every place. Light: that reaches the camera, relative to the sensor as it is. Change: "
     "from the sensor as it is, each with its best lights; 95 % intervals of all rows at once, with "
-    "what the level errs by. The photon noise of traced light is taken out of all errors."
+    "what the model errs by. The photon noise of traced light is taken out of all errors."
+)
+PARETO = (
+    f" {MARK}: no other row has less error at no more of any limit. With more of a limit the best "
+    "design of all that it allows is kept, so that errors do not rise."
 )
 
 
@@ -66,10 +73,17 @@ def rows_of(study: Study, most: int | None = None) -> list[StudyRow]:
 def table_of(study: Study, most: int | None = None) -> tuple[list[str], list[list[str]]]:
     """Return headings and cells of the rows of `rows_of`."""
     names = [one.key + (f", {one.unit}" if one.unit else "") for one in study.variants.dimensions]
+    marked = ["Pareto"] if study.pareto else []
     headings = [
-        *names, "sensor reader", "place reader", "light", f"change, {study.reader}", "level",
+        *names, "sensor reader", "place reader", "light", f"change, {study.reader}", "effort",
+        *marked,
     ]  # fmt: skip
     return headings, [_cells(study, row) for row in rows_of(study, most)]
+
+
+def legend_of(study: Study) -> str:
+    """Return what the columns of the table mean."""
+    return LEGEND + (PARETO if study.pareto else "")
 
 
 def _cells(study: Study, row: StudyRow) -> list[str]:
@@ -79,11 +93,13 @@ def _cells(study: Study, row: StudyRow) -> list[str]:
     ]
     change = row.changes[study.reader].words if row.changes else "as it is"
     base = next(one for one in study.rows + study.finalists
-                if not one.changes and one.answer.level == said.level)  # fmt: skip
+                if not one.changes and one.answer.effort == said.effort)  # fmt: skip
     light = base.answer.best.exposure / said.best.exposure
+    mark = MARK if row in study.rows and row.values in study.pareto else ""
     return [
         *(f"{value:g}" for value in row.values),
-        *errors, f"{light:.2f}", change, LEVELS[said.level],
+        *errors, f"{light:.2f}", change, EFFORT_NAMES[said.effort],
+        *([mark] if study.pareto else []),
     ]  # fmt: skip
 
 
@@ -91,7 +107,8 @@ def print_study_table(stream: IO[str], study: Study) -> None:
     """Print the table and what came out."""
     headings, rows = table_of(study, MOST_ROWS)
     title = f"{study.scene.name}, {study.scene.hash}"
-    print_table(stream, title, headings, rows, words=headings[-2:], below=LEGEND)
+    words = headings[headings.index("light") + 1 :]
+    print_table(stream, title, headings, rows, words=words, below=legend_of(study))
     left_out = len(study.rows) + len(study.finalists) - len(rows)
     if left_out:
         stream.write(f"{counted(left_out, 'sensor')} that read worse: on the page.\n")
@@ -130,6 +147,7 @@ def _draw(axes: Axes, study: Study, one: Dimension, number: int) -> None:
         axes.plot(x, best, style, color=color, lw=1.4, ms=4, label=f"{title}, best lights")
         if reader == study.reader:
             _draw_intervals(axes, study.rows, number, reader, color)
+            _draw_pareto(axes, study, number, color)
         if study.finalists:
             at = [row.values[number] for row in study.finalists]
             fine = [row.answer.best.mean(reader) for row in study.finalists]
@@ -138,9 +156,21 @@ def _draw(axes: Axes, study: Study, one: Dimension, number: int) -> None:
             if reader == study.reader:
                 _draw_intervals(axes, study.finalists, number, reader, color)
     axes.axvline(one.present, color="#8a8f98", lw=0.9, ls=":", label="as it is")
+    if one.is_limit:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel(one.key + (f", {one.unit}" if one.unit else ""))
     axes.grid(which="major", lw=0.4, color="#d7dade")
     axes.set_ylim(bottom=0.0)
+
+
+def _draw_pareto(axes: Axes, study: Study, number: int, color: str) -> None:
+    """Ring the rows that no other beats."""
+    best = [row for row in study.rows if row.values in study.pareto]
+    if best:
+        at = [row.values[number] for row in best]
+        errors = [row.answer.best.mean(study.reader) for row in best]
+        axes.plot(at, errors, "o", color=color, ms=10, mfc="none", mew=1.2,
+                  label=f"{title_of(study.reader)}, Pareto")  # fmt: skip
 
 
 def _draw_intervals(
@@ -168,13 +198,15 @@ def write_study(target: Path, study: Study) -> dict[str, Any]:
     The result is written last.
     """
     best, scene = study.best, study.best.scene
-    kept = standalone(study.scene)
+    present = study.variants.at(study.variants.present)
+    kept = standalone(present)
     with writable(target):
         keep_scene(target, kept)
         save_scene(target / BEST, scene)
         save_design(target / DESIGN, best.design, scene, best.rating)
-        base = study.rated(study.present, "present", "As it is", study.scene)
-        save_design(target / PRESENT_DESIGN, base.design, study.scene, base.rating)
+        base = study.rated(study.present, "present", "As it is", present)
+        save_design(target / PRESENT_DESIGN, base.design, present, base.rating)
+        points = _write_points(target, study)
         plot = png_bytes(study_figure(study), dpi=150)
         write_bytes(target / PLOT, plot)
         write_text(target / PAGE, _page(target, study, plot))
@@ -184,8 +216,29 @@ def write_study(target: Path, study: Study) -> dict[str, Any]:
             "report": str(target / PAGE),
             "plot": str(target / PLOT),
         }
+        for row, point in zip(result["rows"], points, strict=False):
+            row["design"] = str(point)
         write_json(target / MANIFEST, result, indent=2)
     return result
+
+
+def _write_points(target: Path, study: Study) -> list[Path]:
+    """Write scene and design of each row of a map of costs, and return the designs in order."""
+    written = []
+    for row in study.rows if study.pareto else ():
+        folder = target / POINTS / "-".join(f"{value:g}" for value in row.values)
+        folder.mkdir(parents=True, exist_ok=True)
+        scene = study.scene_of(row)
+        if row.changes:
+            shown = study.variants.shown(row.values)
+            scene = rewritten(scene, f"{shown} of tactilux explore {study.flags}")
+            save_scene(folder / SCENE, scene)
+        else:
+            keep_scene(folder, standalone(scene))
+        point = study.rated(row, "point", study.variants.shown(row.values), scene)
+        save_design(folder / DESIGN, point.design, scene, point.rating)
+        written.append(folder / DESIGN)
+    return written
 
 
 def _page(target: Path, study: Study, plot: bytes) -> str:
@@ -202,7 +255,7 @@ def _page(target: Path, study: Study, plot: bytes) -> str:
             {"cells": cells, "best": row is study.chosen}
             for cells, row in zip(rows, chosen, strict=True)
         ],
-        "legend": LEGEND,
+        "legend": legend_of(study),
         "plot": data_uri(plot),
         "plot_text": ", ".join(one.key for one in study.variants.dimensions),
         "sensor": sensor_figure(study.best.scene),
@@ -226,6 +279,11 @@ def _steps(target: Path, study: Study) -> Iterator[tuple[str, str]]:
             f"tactilux compare {shlex.quote(str(target / PRESENT_DESIGN))} "
             f"{shlex.quote(str(design))} --samples {SAMPLES}",
         )
+    if study.variants.place:
+        yield (
+            "Write the sensor that it is, with the lamps that are lit:",
+            f"tactilux build {shlex.quote(str(design))} --out mine.toml",
+        )
     yield from building_steps(design, str(best))
 
 
@@ -233,6 +291,8 @@ def _facts(study: Study) -> Iterator[tuple[str, str]]:
     yield "Dimensions", study.flags
     yield "Sensors", f"{len(study.rows)} answered of {len(study.variants)}"
     yield "Searched", f"lights for the {title_of(study.reader)}, seed {study.seed}"
+    if study.pareto:
+        yield "Points", f"{POINTS}/VALUE/{DESIGN} and {SCENE} of every row"
     yield "Kept", f"{SCENE} as it was, {BEST} and {DESIGN} of the best, {PRESENT_DESIGN}"
     yield "Made", datetime.now(UTC).strftime("%d %B %Y, %H:%M UTC")
     yield "Versions", ", ".join(f"{k} {v}" for k, v in package_versions("numpy").items())

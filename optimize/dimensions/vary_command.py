@@ -16,6 +16,8 @@ def explore_dimensions(
     vary: Sequence[str],
     *,
     lamps_follow: bool,
+    place: bool,
+    lamps: int | None,
     out: Path | None,
     coarse: bool,
     objective: ObjectiveName | None,
@@ -62,7 +64,7 @@ def explore_dimensions(
         scene = load_scene(scene_name)
         standalone(scene)  # refuses files that cannot be kept, before any work is done
         dimensions = [dimension_of(scene, text) for text in vary]
-        variants = Variants(scene, dimensions, lamps_follow=lamps_follow)
+        variants = Variants(scene, dimensions, lamps_follow=lamps_follow, place=place, lamps=lamps)
         keys = "-".join(one.key.replace(".", "-") for one in variants.dimensions)
         target = out or Path("runs") / f"{scene.name}-{keys}"
         check_target(target, PLAN)
@@ -77,6 +79,8 @@ def explore_dimensions(
             "scene_hash": scene.hash,
             "vary": list(vary),
             "lamps_follow": lamps_follow,
+            "place": variants.place,
+            "lamps": lamps,
             "objective": reader,
             "seed": seed,
             "coarse": coarse,
@@ -86,6 +90,7 @@ def explore_dimensions(
             found = run_study(
                 variants, reader=reader, coarse=coarse, seed=seed, folder=folder, progress=bar
             )
+            bar.note("  drawing pictures and the report")
             result = write_study(target, found)
         result["seconds"] = round(time.monotonic() - began, 3)
         if as_json:

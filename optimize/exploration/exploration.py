@@ -125,8 +125,8 @@ class Exploration:
     ``readings`` hold what was found against the baseline, in degrees on common noise, see
     `compare_readings`; unless the reader of ``objective`` misses less, the baseline is handed over,
     where it is allowed.
-    ``proven`` is how many designs are allowed, where all were compared by the expected error of
-    that reader and the best is handed over.
+    ``proven`` is how many designs are allowed, where all were compared by S, or by the expected
+    error of that reader, and the best is handed over.
     """
 
     scene: Scene
@@ -177,6 +177,17 @@ class Exploration:
     def rating(self) -> Rating:
         """What the model says of it."""
         return self.stages[-1].rating
+
+    @property
+    def proof(self) -> str:
+        """Among which designs none is better on this level, in one sentence; empty: not proven."""
+        if self.proven is None:
+            return ""
+        by = "S" if self.objective == "score" else (
+            f"the expected error of the {self.objective} reader"
+        )  # fmt: skip
+        words = limits_of(self.scene).words
+        return f"The best of all {self.proven:,} designs{words}, compared by {by}."
 
     @property
     def ranking(self) -> RankingTest:
@@ -237,17 +248,16 @@ def explore(
         seed=seed,
         progress=rated,
     )
-    colored = next(step for step in search.history if step.stage == "quick")
     first_round = [step.score for step in search.history if step.round == 1]
     change = "the fiber directions" if any(scene.turning) else "further rounds"
     if any(scene.turning) and search.score > first_round[-1]:
         change += " and the rounds after"
     readings: Mapping[str, ErrorComparison] = {}
-    proven: int | None = None
+    proven = search.proven
     stages = [rate(checker, scene, "baseline", "Baseline", "", baseline)]
     if objective == "score":
         stages += [
-            rate(checker, scene, "colors", "Colors", "the color search", colored.design),
+            rate(checker, scene, "colors", "Colors", "the color search", search.colored),
             rate(checker, scene, "optimized", "Optimized", change, search.design),
         ]
     else:

@@ -77,8 +77,7 @@ def search_designs(context: RunContext, checker: Checker) -> tuple[dict[str, Des
             seed=context.seed,
         )
         if context.objective == "score":
-            colored = next(step for step in found.history if step.stage == "quick")
-            return {"before": {"colors": colored.design}, "best": found.design,
+            return {"before": {"colors": found.colored}, "best": found.design,
                     "value": found.score}  # fmt: skip
         goal = night_judge(context, checker).on_table(scorer)
         starts = [found.history[0].design, found.design]

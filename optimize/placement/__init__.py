@@ -3,4 +3,4 @@
 from optimize.placement.built_scene import built_scene, unsaid_powers
 from optimize.placement.moved_lamps import moved_lamps, moved_sentence
 from optimize.placement.part_lamps import parts_sentence
-from optimize.placement.searched_scene import PLACES, searched_scene
+from optimize.placement.searched_scene import PLACES, ending_in, searched_scene

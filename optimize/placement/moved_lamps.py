@@ -13,9 +13,7 @@ from render.scene import Scene
 def moved_sentence(found: Exploration) -> str:
     """Return how many lamps sit elsewhere than the baseline's, and both readers' degrees."""
     first, last = found.stages[0], found.stages[-1]
-    proof = (
-        f" By its expected error the best of all {found.proven:,} designs." if found.proven else ""
-    )
+    proof = f" {found.proof}" if found.proof else ""
     return (
         f"{moved_lamps(found.scene, last.design)}: sensor reader {first.reader_error:.2f}° to "
         f"{last.reader_error:.2f}° ({last.reader_error / first.reader_error - 1:+.0%}), place "

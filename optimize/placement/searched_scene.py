@@ -32,6 +32,11 @@ MOST_PART_LAMPS = 512
 """Own lamps and those of parts together; a table of so many takes some gigabytes."""
 
 
+def ending_in(name: str, ending: str) -> str:
+    """Return the name of a scene that is made from another one's, with one ``ending``."""
+    return name.removesuffix(ending)[: LONGEST_NAME - len(ending)] + ending
+
+
 def searched_scene(
     scene: Scene,
     *,
@@ -88,7 +93,7 @@ def searched_scene(
     document = listed_document(scene)
     if shots is not None and shots != scene.palette.shots:
         document["camera"]["shots"] = shots
-        document["name"] = _named(scene.name, SHOTS)
+        document["name"] = ending_in(scene.name, SHOTS)
     if candidates or leds:
         if leds:
             list_colors(document, scene, leds)
@@ -97,7 +102,7 @@ def searched_scene(
             added = _lamps_on(document, scene, candidates)
             _limit_colors(document, scene, lit, most)
         _add_lamps(document, scene, added)
-        document["name"] = _named(document["name"], PLACES)
+        document["name"] = ending_in(document["name"], PLACES)
     search = table_of(document, "search")
     search["lamps"] = most
     if leds:
@@ -105,10 +110,6 @@ def searched_scene(
     search.pop("places", None)
     folder = written_of(scene).folder
     return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
-
-
-def _named(name: str, end: str) -> str:
-    return name.removesuffix(end)[: LONGEST_NAME - len(end)] + end
 
 
 def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]:

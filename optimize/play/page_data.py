@@ -275,6 +275,10 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
         "most": len(limits.allowed) if limits.most_lit is None else limits.most_lit,
         "groups": [] if limits.exclusive is None else exclusive_groups(limits.exclusive),
         "budgets": [{"cost": one.cost.tolist(), "limit": one.limit} for one in limits.budgets],
+        "ring": (
+            np.arange(len(limits.allowed)) if limits.runs is None else limits.runs.ring
+        ).tolist(),
+        "runs": len(limits.allowed) if limits.runs is None else limits.runs.most,
         "power": limits.led_power.tolist(),
         "low": limits.low.tolist(),
         "high": limits.high.tolist(),

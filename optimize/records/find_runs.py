@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from optimize.dimensions.study_page import PLAN
 from optimize.overnight.result import NIGHT
 from optimize.overnight.run_directory import RECORD, RunError
 from optimize.records.run_record import (
@@ -80,7 +81,9 @@ def _own(here: Path, files: set[str]) -> list[RunRecord]:
     kind = kind_of_result(here / MANIFEST) if MANIFEST in files else None
     if kind is not None:
         return [*found, read_record(kind, here)]
-    if {DESIGN, REPORT} <= files:
+    if PLAN in files:
+        found.append(_goes_on("study", here, "not all sensors are answered yet"))
+    elif {DESIGN, REPORT} <= files:
         found.append(damaged("explore", here, f"{MANIFEST} is missing"))
     pages = sorted(name for name in files if name.endswith((".html", ".htm")))
     return found + [read_record("play", here / name) for name in pages if _to_play(here / name)]

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from optimize.design import SCENE, Design, design_digest, load_design_file
 from optimize.design.design_file import DesignFile
+from optimize.dimensions.study_page import PAGE
 from optimize.objectives import ERROR_KEYS, ReaderName
 from optimize.overnight.result import DESIGNS, NIGHT, OvernightResult
 from optimize.overnight.run_directory import LOG, RECORD, RunError
@@ -33,7 +34,7 @@ from render.scene import load_scene
 from surrogate.runtime import Checker
 from surrogate.runtime.model_file import CARD_FILE, MODEL_FILE, sha256
 
-KINDS = ("explore", "verify", "optimize", "overnight", "train", "play")
+KINDS = ("explore", "study", "verify", "optimize", "overnight", "train", "play")
 STATES = ("finished", "running", "stopped", "lost", "failed", "unfinished", "damaged")
 """All but the first two and the last go on by the same command, see `RunStatus` for nights."""
 VERIFIED = re.compile(r"verified-[0-9a-f]{12}\.json")
@@ -89,6 +90,7 @@ def read_record(kind: str, path: Path) -> RunRecord:
     readers: dict[str, Callable[[Path], RunRecord]] = {
         "explore": lambda folder: _result("explore", folder),
         "optimize": lambda folder: _result("optimize", folder),
+        "study": _study,
         "verify": _verification,
         "overnight": _night,
         "train": _model,
@@ -126,6 +128,14 @@ class _Manifest(_Strict):
 
     files: list[str]
     sums: dict[str, str] = {}
+
+
+class _Study(_Strict):
+    """What ``explore --vary`` found."""
+
+    scene: str
+    scene_hash: str
+    sentence: str
 
 
 class _Estimate(_Strict):
@@ -225,6 +235,23 @@ def _result(kind: str, folder: Path) -> RunRecord:
         play=play if play.is_file() else None,
         note=f"Not as written: {', '.join(changed)}" if changed else "",
         **_of_design(load_design_file(folder / DESIGN)),
+    )
+
+
+def _study(folder: Path) -> RunRecord:
+    """Read the folder of ``explore --vary``: the best sensor and its lights."""
+    path = folder / MANIFEST
+    content = _parsed(_Study, path)
+    page = folder / PAGE
+    known = _of_design(load_design_file(folder / DESIGN))
+    return RunRecord(
+        "study",
+        folder,
+        _time(path),
+        design=folder / DESIGN,
+        report=page if page.is_file() else None,
+        note=content.sentence,
+        **known | {"scene": content.scene, "scene_hash": content.scene_hash},
     )
 
 
@@ -378,4 +405,6 @@ def kind_of_result(path: Path) -> str | None:
         return "explore" if (path.parent / DESIGN).is_file() else None
     if "scene_hash" not in content:
         return None
+    if "vary" in content:
+        return "study"
     return "explore" if "optimized" in content else "optimize" if "finalists" in content else None

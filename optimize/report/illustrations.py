@@ -55,6 +55,7 @@ STAGES = {
     "grouped": ("colors in pairs", "#93b4f5"),
     "coarsely grouped": ("colors in groups", "#93b4f5"),
     "quick": ("colors, 2-opt", "#2f5fd0"),
+    "exact": ("colors, all", "#2f5fd0"),
     "tied": ("directions, tied", "#e0a458"),
     "free": ("directions, free", "#b45309"),
     "power": ("LED powers", "#7c3aed"),

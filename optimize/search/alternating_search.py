@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 
 from optimize.design import Colors, Design, ScoredDesign, SearchLimits
 from optimize.scoring import TableScorer, improves
-from optimize.search.colors import ColorResult, grouped_colors, quick_colors, renamed_like
+from optimize.search.colors import (
+    ColorResult,
+    count_chains,
+    exact_colors,
+    grouped_colors,
+    is_chained,
+    quick_colors,
+    renamed_like,
+)
 from optimize.search.directions import DirectionResult, optimize_directions, tied_groups
 from optimize.search.local_refinement import refine_locally
 from render.errors import DesignError
@@ -21,6 +29,8 @@ from render.errors import DesignError
 # A round that gains less than this fraction of the score ends the search.
 TOLERANCE = 1e-3
 MAX_ROUNDS = 10
+MOST_CHAINED = 500_000
+"""Colorings of few lamps or few runs that are scored as a whole, in a second of two cores."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +38,8 @@ class SearchStep(ScoredDesign):
     """The best design after a stage, a point of the convergence plot.
 
     ``round`` is 0 for the start; ``stage`` is ``start``, ``grouped`` (or ``coarsely grouped``),
-    ``quick``, ``tied``, ``free`` or ``power``. Lightings and seconds of wall time are those so far,
-    all stages together.
+    ``quick`` (or ``exact``), ``tied``, ``free`` or ``power``. Lightings and seconds of wall time
+    are those so far, all stages together.
     """
 
     round: int
@@ -40,10 +50,19 @@ class SearchStep(ScoredDesign):
 
 @dataclass(frozen=True, eq=False)
 class AlternatingResult(ScoredDesign):
-    """The best design; ``converged`` is False when the rounds ran out."""
+    """The best design; ``converged`` is False when the rounds ran out.
+
+    ``proven`` is how many designs are allowed, where all were scored.
+    """
 
     history: tuple[SearchStep, ...]
     converged: bool
+    proven: int | None = None
+
+    @property
+    def colored(self) -> Design:
+        """The design after the first search of single colors."""
+        return next(step.design for step in self.history if step.stage in {"quick", "exact"})
 
     @property
     def evaluated(self) -> int:
@@ -88,7 +107,10 @@ def alternating_search(
             search.take_groups(number)
         phi, colors = search.design.phi, search.design.colors
         starts = [colors] if limits.may_be_off or (colors >= 0).all() else []
-        search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))
+        if is_chained(limits) and count_chains(limits, alike=scorer.colors_alike) <= MOST_CHAINED:
+            search.take_colors(number, exact_colors(scorer, phi))
+        else:
+            search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))
         if steerable and edges is not None:
             groups = tied_groups(edges, search.design.colors)
             search.take_directions(number, "tied", groups, seed + number)
@@ -114,11 +136,15 @@ class _Rounds:
         self.began = time.perf_counter()
         self.evaluated = 1
         self.history: list[SearchStep] = []
+        self.proven: int | None = None
         self._record(0, "start")
 
     def take_colors(self, number: int, result: ColorResult) -> None:
         """Accept better colors, named so that most fibers keep the color of the start."""
         self.evaluated += result.evaluated
+        limits = self.scorer.limits
+        if limits.fixed_directions.all() and not limits.continuous_power:
+            self.proven = result.evaluated if result.method == "exact" else None
         if improves(result.score, self.score):
             colors = result.colors
             if self.scorer.colors_alike:
@@ -130,14 +156,15 @@ class _Rounds:
     def take_groups(self, number: int) -> None:
         """Search colors in pairs or larger groups, where the limits leave any.
 
-        Where most lamps stay off there are no groups of one color.
+        Where most lamps stay off there are no groups of one color, and pairs make no few runs.
         """
-        if self.scorer.limits.some_stay_off:
+        limits = self.scorer.limits
+        if limits.some_stay_off or limits.runs_limited:
             return
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))
         except DesignError:
-            if not self.scorer.limits.colors_limited:
+            if not limits.colors_limited:
                 raise
 
     def take_directions(self, number: int, stage: str, groups: Colors | None, seed: int) -> None:
@@ -177,7 +204,8 @@ class _Rounds:
             optimum = refine_locally(self.scorer, self.design)
             self._accept(optimum.design, optimum.score, optimum.evaluated)
             self._record(number, "power")
-        return AlternatingResult(self.design, self.score, tuple(self.history), converged)
+        history = tuple(self.history)
+        return AlternatingResult(self.design, self.score, history, converged, self.proven)
 
     def _record(self, number: int, stage: str) -> None:
         seconds = time.perf_counter() - self.began

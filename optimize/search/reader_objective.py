@@ -20,16 +20,18 @@ from render.scene import Scene
 
 RANDOM, KEPT = 96, 3
 """Random colorings that are read, and the best of them, from which a search starts."""
-MOST_PROVEN = 20_000
+MOST_PROVEN = 30_000
 """Designs of a class that is read as a whole, in some 15 s; of larger ones the best is searched.
 
 Of a camera of three channels: a reader of twice as many takes some twenty times as long, so that
-fewer are, with the cube of the channels.
+fewer are, with the cube of the channels. None can be left unread: a lamp that is added may raise or
+lower an error (its light, its noise, the exposure, mistaken normals), so that a part of a design
+bounds nothing.
 """
 BLOCK = 256
 """Designs of such a class that are read between two looks at the clock."""
-AT_ONCE = 2
-"""Designs per call: their readers' matrices then stay in the cache."""
+CELLS_AT_ONCE, MOST_AT_ONCE = 96, 8
+"""States times sites, and designs, per call: their readers' matrices then stay in the cache."""
 
 
 class ReaderObjective(Objective):
@@ -48,6 +50,8 @@ class ReaderObjective(Objective):
         self._error = expected_error(reader, scene, camera)
         exposed = table.exposure * table.with_pad
         self._cells = exposed.shape[2:5]
+        count = int(np.prod(exposed.shape[2:4]))
+        self._at_once = min(max(CELLS_AT_ONCE // count, 1), MOST_AT_ONCE)
         self._tinted = "c" if table.by_channel else ""
         self._nodes = table.phi
         self._table = exposed.reshape(*exposed.shape[:2], -1)
@@ -56,9 +60,9 @@ class ReaderObjective(Objective):
     def values(self, designs: Sequence[Design]) -> Array:
         """Return minus the expected errors ``(N,)`` in degrees."""
         found, known, light = np.empty(len(designs)), None, np.empty(0)
-        for start in range(0, len(designs), AT_ONCE):
+        for start in range(0, len(designs), self._at_once):
             counts = []
-            for design in designs[start : start + AT_ONCE]:
+            for design in designs[start : start + self._at_once]:
                 if known is None or not np.array_equal(design.phi, known):
                     known, light = design.phi, self._at(self._table, design.phi)
                 counts.append(self._superposed(light, design.power))

@@ -1,8 +1,8 @@
-"""How far a level errs in the ratio of two sensors' errors: what `MODEL_SPREAD` rests on.
+"""How far an effort errs in the ratio of two sensors' errors: what `MODEL_SPREAD` rests on.
 
-``python -m tests.validation.dimension_spread FOLDER`` answers pairs of sensors on all levels, in
-minutes each, and keeps the answers in the folder. A level's figure is the root of the mean square
-of the difference of log ratios to the finest level, over both readers, with the baseline's and with
+``python -m tests.validation.dimension_spread FOLDER`` answers pairs of sensors on all efforts, in
+minutes each, and keeps the answers in the folder. An effort's figure is the root of the mean square
+of the difference of log ratios to the finest one, over both readers, with the baseline's and with
 the best lights.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.dimensions import Variants, dimension_of
-from optimize.dimensions.answer import LEVELS, Answer, StudyLevel
+from optimize.dimensions.answer import EFFORT_NAMES, Answer, StudyEffort
 from optimize.dimensions.kept_answers import KeptAnswers
 from optimize.objectives import READERS
 from render.errors import TactiluxError
@@ -45,24 +45,24 @@ def log_ratios(present: Answer, other: Answer) -> Iterator[float]:
 
 
 def main(folder: Path, pairs: tuple[tuple[str, str], ...] = PAIRS) -> None:
-    """Print the log ratios of all pairs and the spread of each level."""
-    errors: dict[StudyLevel, list[float]] = {"drawn": [], "few": []}
+    """Print the log ratios of all pairs and the spread of each effort."""
+    errors: dict[StudyEffort, list[float]] = {"drawn": [], "few": []}
     for name, text in pairs:
         scene = load_scene(name)
         variants = Variants(scene, [dimension_of(scene, text)])
         answers = KeptAnswers(variants, "sensor", 0, folder, None)
         (values,) = (one for one in variants if one != variants.present)
         found = {}
-        for level in LEVELS:
-            pair = answers.at(level, variants.present), answers.at(level, values)
-            found[level] = np.array([*log_ratios(*pair)])
+        for effort in EFFORT_NAMES:
+            pair = answers.at(effort, variants.present), answers.at(effort, values)
+            found[effort] = np.array([*log_ratios(*pair)])
             noise = [f"{one.photon_noise or 0.0:.1%}" for one in pair]
-            print(f"{name:14} {text:22} {level:10} {np.round(found[level], 3)} noise {noise}")
-        for level, kept in errors.items():
-            kept += [*(found[level] - found["converged"])]
-    for level, kept in errors.items():
+            print(f"{name:14} {text:22} {effort:10} {np.round(found[effort], 3)} noise {noise}")
+        for effort, kept in errors.items():
+            kept += [*(found[effort] - found["converged"])]
+    for effort, kept in errors.items():
         each = np.array(kept).reshape(len(pairs), -1)
-        print(f"{level}: spread {np.sqrt(np.mean(each**2)):.3f}; by pair "
+        print(f"{effort}: spread {np.sqrt(np.mean(each**2)):.3f}; by pair "
               f"{np.round(np.sqrt(np.mean(each**2, axis=1)), 3)}")  # fmt: skip
 
 

@@ -72,14 +72,17 @@ class Limits {
     return turned;
   }
 
-  /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, and no more than there are, lights
-     at most one lamp of a group that overlaps, and keeps to budgets of current and price. */
+  /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, no more than there are and no more
+     runs of one color along the ring (lamps that are off neither count nor split one), lights at most one
+     lamp of a group that overlaps, and keeps to budgets of current and price. */
   allows(colors) {
     const used = this.counts.map(() => 0), lit = (f) => colors[f] !== OFF;
-    return this.groups.every((group) => group.filter(lit).length <= 1)
+    const ring = this.ring.filter(lit).map((f) => colors[f]);
+    const changes = ring.filter((c, i) => c !== ring.at(i - 1)).length;
+    return ring.length <= this.most && Math.max(changes, Math.min(ring.length, 1)) <= this.runs
+      && this.groups.every((group) => group.filter(lit).length <= 1)
       && this.budgets.every(({ cost, limit }) =>
         colors.reduce((sum, c, f) => sum + (lit(f) ? cost[f][c] : 0), 0) <= limit + 1e-6)
-      && colors.filter((c) => c !== OFF).length <= this.most
       && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[this.led[c]] <= this.counts[this.led[c]]));
   }
 
@@ -96,7 +99,7 @@ class Limits {
     const turned = colors.map((_, f) => f)
       .filter((f) => Math.abs(this.nearest(f, design.phi[f]) - design.phi[f]) > 1e-6);
     if (turned.length) said.push(`The scene forbids these directions: fiber ${turned.join(", ")}.`);
-    if (!this.allows(colors)) said.push("The scene allows other colors, fewer LEDs, less current or price, or one of lamps that overlap.");
+    if (!this.allows(colors)) said.push("The scene allows other colors, fewer LEDs, fewer runs of one color, less current or price, or one of lamps that overlap.");
     return said;
   }
 }

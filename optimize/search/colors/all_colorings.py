@@ -26,14 +26,16 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     allowed = limits.allowed[:, : len(palette.names)]
     taken = np.bincount(palette.led, allowed.any(axis=0), palette.led_count) > 0
     leds = limits.led_counts[: palette.led_count] * taken
-    usable = np.flatnonzero(allowed.any(axis=1))
+    ring = np.arange(fibers) if limits.runs is None else limits.runs.ring
+    runs = fibers if limits.runs is None else limits.runs.most
+    usable = ring[np.asarray(allowed.any(axis=1))[ring]]
     most_lit = fibers if limits.most_lit is None else limits.most_lit
     top = min(len(usable), int(leds.sum()), most_lit)
     left = (leds[palette.led] * allowed.any(axis=0)).tolist()
     found, total = [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
         ways = math.comb(len(usable), lit)
-        patterns = list(itertools.islice(_patterns(lit, left, alike), most // ways + 1))
+        patterns = list(itertools.islice(_patterns(lit, left, runs, alike), most // ways + 1))
         total += ways * len(patterns)
         if total > most:
             return None
@@ -44,16 +46,18 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
             found.append(colors)
     if not found:
         return np.empty((0, fibers), dtype=np.int64)
-    every = np.concatenate(found)
-    return every[limits.fits(every)]
+    allowed = np.concatenate(found)
+    return allowed[limits.fits(allowed)]
 
 
-def _patterns(lit: int, left: list[int], alike: bool) -> Iterator[tuple[int, ...]]:
-    """Yield the colors of so many lit lamps in a row, with so many LEDs ``left`` of each color.
+def _patterns(lit: int, left: list[int], runs: int, alike: bool) -> Iterator[tuple[int, ...]]:
+    """Yield the colors of so many lit lamps in a ring, with so many LEDs ``left`` of each color.
 
-    Where colors are ``alike`` they appear first in their order.
+    There are at most so many ``runs`` of one color. Where colors are ``alike`` they appear first in
+    their order.
     """
     chosen: list[int] = []
+    changes = [0]
 
     def extended() -> Iterator[tuple[int, ...]]:
         if len(chosen) == lit:
@@ -61,9 +65,15 @@ def _patterns(lit: int, left: list[int], alike: bool) -> Iterator[tuple[int, ...
             return
         new = max(chosen, default=-1) + 1
         for color, count in enumerate(left):
-            if chosen.count(color) < count and (not alike or color <= new):
+            if chosen.count(color) == count or (alike and color > new):
+                continue
+            changed = changes[-1] + (bool(chosen) and color != chosen[-1])
+            closed = changed + (len(chosen) + 1 == lit and color != (chosen or [color])[0])
+            if closed <= runs:
                 chosen.append(color)
+                changes.append(changed)
                 yield from extended()
                 chosen.pop()
+                changes.pop()
 
     yield from extended()

@@ -127,14 +127,7 @@ class Enumeration:
     ) -> None:
         from optimize.scoring.metric_kernel import kernel_constants
 
-        with np.errstate(over="ignore"):
-            single = units.astype(np.float32)
-        if not np.isfinite(single).all():
-            raise TableError(
-                "the light of a fiber exceeds the range of float32 counts, allowed: below 3e38; "
-                "check the table's exposure",
-                field="exposure",
-            )
+        check_range(units)
         self.units, self.bends, self.symmetric = len(units), bends, symmetric
         self.lam, self.config = lam, config
         self.constants = kernel_constants(config, lam, np.float32)
@@ -176,9 +169,9 @@ class Enumeration:
         clock = Clock(self.total, progress)
         scores, codes, done = np.empty(0, np.float32), np.empty(0, np.int64), 0
         tasks = iter(self._prefix_codes())
-        per_task, workers = self.middles * self.suffixes, self.workers()
-        with ThreadPoolExecutor(workers) as pool:
-            while batch := list(itertools.islice(tasks, workers * _TASKS_PER_ROUND)):
+        per_task, cores = self.middles * self.suffixes, workers()
+        with ThreadPoolExecutor(cores) as pool:
+            while batch := list(itertools.islice(tasks, cores * _TASKS_PER_ROUND)):
                 threshold = scores[-1] if len(scores) == keep else np.float32(-np.inf)
                 parts = list(pool.map(lambda code, t=threshold: self._task(code, keep, t), batch))
                 scores = np.concatenate([scores, *(part[0] for part in parts)])
@@ -190,13 +183,6 @@ class Enumeration:
                 if limit is not None and done >= limit:
                     break
         return BestAssignments(digits(codes, self.units, self.choices), scores, done)
-
-    def workers(self) -> int:
-        """Return how many tasks run at once: as many as the process has cores."""
-        try:
-            return len(os.sched_getaffinity(0))
-        except AttributeError:  # not on every operating system
-            return os.cpu_count() or 1
 
     def _prefix_codes(self) -> Iterable[int]:
         if self.quota.limited and self.prefix:
@@ -252,6 +238,30 @@ class Enumeration:
             codes,
         )
         return scores[:count], codes[:count]
+
+
+def workers() -> int:
+    """Return how many tasks run at once: as many as the process has cores."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not on every operating system
+        return os.cpu_count() or 1
+
+
+def check_range(units: Array) -> None:
+    """Refuse counts that float32 cannot hold.
+
+    Raises:
+        TableError: the light of a fiber is too much.
+    """
+    with np.errstate(over="ignore"):
+        single = units.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise TableError(
+            "the light of a fiber exceeds the range of float32 counts, allowed: below 3e38; "
+            "check the table's exposure",
+            field="exposure",
+        )
 
 
 def _all_sums(units: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The provably best colors: every assignment is scored.
+"""The provably best colors: every assignment is scored, or every one with few lamps or few runs.
 
 The thesis called this infeasible (4.3.1: 3^20 assignments). Superposition, the symmetry of colors
 (a sixth remains) and vector instructions make it minutes.
@@ -12,6 +12,7 @@ import numpy as np
 
 from optimize.design import Array
 from optimize.scoring import TableScorer, tied
+from optimize.search.colors.chains import MOST_CHAINS, Chains, count_chains, is_chained
 from optimize.search.colors.colorings import (
     ColorResult,
     canonical,
@@ -34,6 +35,7 @@ def exact_colors(
 ) -> ColorResult:
     """Return the best of all ``n^F`` colorings for directions ``phi`` ``(F,)`` rad.
 
+    Where the limits leave few lamps lit or few runs of one color, it is the best of all those.
     float32 scores select the best 128, float64 scores order them. Colors are exchangeable unless
     responses, LED powers, materials or limits differ by color, or off is a choice; then all ``n^F``
     are scored. Ties are those that the errors of the table cannot tell from the best;
@@ -41,27 +43,11 @@ def exact_colors(
     float32.
 
     Raises:
-        TactiluxError: more fibers than any machine could search.
+        TactiluxError: more than any machine could search.
     """
     start = time.perf_counter()
     units = color_units(scorer, phi)
-    choices, most = units.shape[1], 1
-    while choices > 1 and choices ** (most + 1) <= MAX_COLORINGS:
-        most += 1
-    if choices > 1 and scorer.fibers > most:
-        raise TactiluxError(
-            f"an exact search over {scorer.fibers} fibers of {choices} choices each would never "
-            f"end, allowed: at most {most}; use the method quick",
-            field="fibers",
-        )
-    search = Enumeration(
-        units,
-        scorer.bends,
-        scorer.table.lam,
-        scorer.config,
-        symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
-        quota=Quota.of(scorer.limits),
-    )
+    search = _chains(scorer, units) if is_chained(scorer.limits) else _enumeration(scorer, units)
     best = search.best(KEEP, progress)
     if not len(best.scores):
         raise_unreachable()
@@ -86,3 +72,37 @@ def exact_colors(
         ties_complete=not (crowded or (full and same.all())),
         top=ranked(colors, scores),
     )
+
+
+def _enumeration(scorer: TableScorer, units: Array) -> Enumeration:
+    """Return the search of all colorings, or of all that are within limits of single lamps."""
+    choices, most = units.shape[1], 1
+    while choices > 1 and choices ** (most + 1) <= MAX_COLORINGS:
+        most += 1
+    if choices > 1 and scorer.fibers > most:
+        raise TactiluxError(
+            f"an exact search over {scorer.fibers} fibers of {choices} choices each would never "
+            f"end, allowed: at most {most}; use the method quick",
+            field="fibers",
+        )
+    return Enumeration(
+        units,
+        scorer.bends,
+        scorer.table.lam,
+        scorer.config,
+        symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
+        quota=Quota.of(scorer.limits),
+    )
+
+
+def _chains(scorer: TableScorer, units: Array) -> Chains:
+    """Return the search of all colorings with few lit lamps or few runs."""
+    limits, alike = scorer.limits, scorer.colors_alike
+    total = count_chains(limits, alike=alike)
+    if total > MOST_CHAINS:
+        raise TactiluxError(
+            f"an exact search of all designs{limits.words} would score {total:,}, allowed: at most "
+            f"{MOST_CHAINS:,}; allow fewer, or use the method quick",
+            field="search",
+        )
+    return Chains(units, limits, scorer.bends, scorer.table.lam, scorer.config, alike=alike)

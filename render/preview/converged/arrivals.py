@@ -10,7 +10,6 @@ far as the facet itself does.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -125,7 +124,31 @@ def _onto_receivers(sights: Array | None, sites: int, faces: int, parts: int) ->
     return directions_to_block(sights[:, chosen])
 
 
-def arrivals(
+class Flown(NamedTuple):
+    """What photons of a lamp bring, not scaled.
+
+    Power of patches ``(patch, node)`` and of receivers ``(site, part, node)``, of all of them and
+    of those in the first half of the lamp's photons; ``squares`` ``(node,)`` of what they bring.
+    """
+
+    patches: Array
+    received: Array
+    first_patches: Array
+    first_received: Array
+    squares: Array
+
+    def __add__(self, other: Flown) -> Flown:  # type: ignore[override]
+        """Return what both bring."""
+        return Flown(*(mine + its for mine, its in zip(self, other, strict=True)))
+
+
+def batches(photons: int) -> list[range]:
+    """Return the numbers of a lamp's photons, `PHOTONS_AT_A_TIME` together."""
+    starts = range(0, photons, PHOTONS_AT_A_TIME)
+    return [range(first, min(first + PHOTONS_AT_A_TIME, photons)) for first in starts]
+
+
+def flown(
     scene: Scene,
     bend: float,
     lamp: int,
@@ -134,10 +157,10 @@ def arrivals(
     pressed: Block,
     receivers: Receivers,
     photons: int,
+    numbers: range,
     seed: int = 0,
-    after_batch: Callable[[], None] = lambda: None,
-) -> Halved[Arrivals]:
-    """Return what a lamp of unit power sends to all receivers and patches.
+) -> Flown:
+    """Return what some of a lamp's photons, which have a power of 1 together, bring to a pad.
 
     Arguments:
         scene: the sensor.
@@ -148,40 +171,40 @@ def arrivals(
         pressed: see ``block``.
         receivers: of the scene at this bend.
         photons: how many share the power.
+        numbers: of those that fly.
         seed: of their random numbers.
-        after_batch: is called after every `PHOTONS_AT_A_TIME` photons.
     """
     columns, rows = patch_counts(scene)
-    faces = scene.indenter.faces
     receivers = narrowed(receivers, float(beam_widths(scene)[lamp]), scene.indenter.radius)
     nodes = len(phi) if fiber_poses(scene, bend).turns[lamp] else 1
     patches, squares = np.zeros((columns * rows, nodes)), np.zeros(nodes)
     received = np.zeros((*receivers.center.shape[:2], nodes))
-    half, first_half = photons // 2, (patches, received)
     key = ARRIVAL_KEY + (seed << 20) + lamp
-    for first in range(0, photons, PHOTONS_AT_A_TIME):
-        numbers = range(first, min(first + PHOTONS_AT_A_TIME, photons))
-        origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
-        weights *= len(numbers) / photons
-        origin, direction = to_block(scene, origin), directions_to_block(direction)
-        cut = min(max(half - first, 0), len(numbers))
-        for rays in (slice(0, cut), slice(cut, len(numbers))):
-            trace_arrivals(
-                block, pressed, receivers, origin[rays], direction[rays], weights[rays], key,
-                first + rays.start, patches, received, squares,
-            )  # fmt: skip
-            if first + rays.stop == half:
-                first_half = patches.copy(), received.copy()
-        after_batch()
-    lit = received.sum(axis=(0, 1))
-    grain = np.divide(squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi
+    origin, direction, weights = launched(scene, bend, lamp, phi, numbers, key)
+    weights *= len(numbers) / photons
+    origin, direction = to_block(scene, origin), directions_to_block(direction)
+    cut = min(max(photons // 2 - numbers.start, 0), len(numbers))
+    halves = []
+    for rays in (slice(0, cut), slice(cut, len(numbers))):
+        trace_arrivals(
+            block, pressed, receivers, origin[rays], direction[rays], weights[rays], key,
+            numbers.start + rays.start, patches, received, squares,
+        )  # fmt: skip
+        halves.append((patches.copy(), received.copy()))
+    return Flown(*halves[1], *halves[0], squares)
 
-    areas = patch_areas(scene)
+
+def arrivals(scene: Scene, brought: Flown) -> Halved[Arrivals]:
+    """Return what a lamp of unit power sends to all receivers and patches: all of its photons."""
+    faces, areas = scene.indenter.faces, patch_areas(scene)
+    lit, nodes = brought.received.sum(axis=(0, 1)), len(brought.squares)
+    grain = np.divide(brought.squares, lit, out=np.zeros(nodes), where=lit > 0.0) / np.pi
 
     def scaled(patches: Array, received: Array, grain: Array) -> Arrivals:
         patches, received = patches / (np.pi * areas[:, None]), received / np.pi
         facets, rings = received[:, :faces], received[:, faces:-1]
         return Arrivals(patches, facets, rings, received[:, -1], grain)
 
-    differences = (2.0 * first_half[0] - patches, 2.0 * first_half[1] - received)
+    patches, received = brought.patches, brought.received
+    differences = 2.0 * brought.first_patches - patches, 2.0 * brought.first_received - received
     return Halved(scaled(patches, received, grain), scaled(*differences, np.zeros(nodes)))

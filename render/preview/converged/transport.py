@@ -8,12 +8,15 @@ mixes facets as in the shader's preview (`render.preview.facet_blur`).
 
 from __future__ import annotations
 
+import itertools
+import operator
 import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +29,10 @@ from render.preview.bonded import with_bonded_window
 from render.preview.converged.arrivals import (
     PHOTONS_AT_A_TIME,
     Arrivals,
+    Flown,
     arrivals,
+    batches,
+    flown,
     no_arrivals,
     receivers_at,
 )
@@ -82,7 +88,7 @@ def task_count(scene: Scene, effort: Effort) -> int:
 
 
 def _arrival_ticks(scene: Scene, effort: Effort) -> int:
-    batches = -(-_flown(scene, effort) // PHOTONS_AT_A_TIME)
+    batches = -(-_photons(scene, effort) // PHOTONS_AT_A_TIME)
     return int(flies(scene).sum()) * batches * _batch_ticks(scene, effort)
 
 
@@ -102,7 +108,7 @@ def flight_cost(scene: Scene) -> float:
     return min(WALKING, 1.0 + (layer.sigma_s + layer.sigma_a) * layer.thickness)
 
 
-def _flown(scene: Scene, effort: Effort) -> int:
+def _photons(scene: Scene, effort: Effort) -> int:
     """Return the photons of a lamp at one bend whose light is too narrow for the exit field."""
     shares = max(1, int(flies(scene).sum()) * len(scene.state_axis))
     return max(FEWEST_ARRIVALS, int(effort.arrivals // shares / flight_cost(scene)))
@@ -278,20 +284,28 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
     scene, flying = paths.scene, flies(paths.scene)
     receivers = receivers_at(scene, paths.bend, paths.sights)
 
-    def after_batch() -> None:
+    photons = _photons(scene, paths.effort)
+
+    def batch_of(lamp: int, numbers: range) -> Flown:
         if paths.stopped.is_set():
             raise CancelledError
-        paths.clock.tick(_batch_ticks(scene, paths.effort))
-
-    def arrivals_of(lamp: int) -> Halved[Arrivals]:
-        if not flying[lamp]:
-            return Halved(*(no_arrivals(scene, paths.nodes[lamp]) for _ in Halved._fields))
-        return arrivals(
+        found = flown(
             scene, paths.bend, lamp, paths.phi, paths.untouched, paths.pressed, receivers,
-            _flown(scene, paths.effort), seed, after_batch,
+            photons, numbers, seed,
         )  # fmt: skip
+        paths.clock.tick(_batch_ticks(scene, paths.effort))
+        return found
 
-    lamps = list(pool.map(arrivals_of, range(scene.lamp_count)))
+    # Batches of all lamps, so that no processor waits for the last lamp; summed in their order.
+    tasks = itertools.product(np.flatnonzero(flying).tolist(), batches(photons))
+    found = pool.map(lambda task: batch_of(*task), tasks)
+    lamps = []
+    for lamp in range(scene.lamp_count):
+        if flying[lamp]:
+            of_lamp = itertools.islice(found, len(batches(photons)))
+            lamps.append(arrivals(scene, reduce(operator.add, of_lamp)))
+        else:
+            lamps.append(Halved(*(no_arrivals(scene, paths.nodes[lamp]) for _ in Halved._fields)))
     return Halved(
         *(
             Arrivals(*(np.concatenate(parts, axis=-1) for parts in zip(*each, strict=True)))

@@ -68,14 +68,16 @@ class KeepOut(Part):
 class Search(Part):
     """What a search may choose beside colors, directions and powers.
 
-    ``lamps`` is how many may be lit at once, the others stay off. ``places`` are rails on which
-    lamps may sit, ``apart`` (mm) the least distance of their centers, or else one diameter;
-    ``keep_out`` are parts of edges where none may be placed. ``parts`` are LEDs of the library or
-    of ``[[parts]]``, one of which every lamp is. All lit lamps together draw ``current`` (mA) at
-    most, and cost ``price`` (US dollars) at most.
+    ``lamps`` is how many may be lit at once, the others stay off; ``runs`` how many runs of one
+    color there may be around the rim: lit lamps that follow each other, with or without some that
+    are off between them. ``places`` are rails on which lamps may sit, ``apart`` (mm) the least
+    distance of their centers, or else one diameter; ``keep_out`` are parts of edges where none may
+    be placed. ``parts`` are LEDs of the library or of ``[[parts]]``, one of which every lamp is.
+    All lit lamps together draw ``current`` (mA) at most, and cost ``price`` (US dollars) at most.
     """
 
     lamps: Annotated[int, Count(1, 1024)] | None = None
+    runs: Annotated[int, Count(1, 1024)] | None = None
     apart: Distance | None = None
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
     places: Annotated[tuple[Rail, ...], Field(strict=False)] = ()
@@ -85,7 +87,7 @@ class Search(Part):
 
     def problems(self, constraints: Constraints | None, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the section by itself, for a scene of so many ``lamps``."""
-        if self == Search():
+        if not self.model_fields_set:
             yield f"search names nothing, allowed: {', '.join(type(self).model_fields)}"
         if self.price is not None and not self.parts:
             yield "search.price without search.parts, allowed: parts, whose prices are known"
@@ -111,6 +113,8 @@ class Search(Part):
             yield f"at most {self.current:g} mA together"
         if self.price is not None:
             yield f"at most {self.price:g} US dollars together"
+        if self.runs is not None:
+            yield f"at most {self.runs} run{'s' * (self.runs != 1)} of one color"
         for rail in self.places:
             yield f"lamps may sit along the {rail.edge} edge"
         for part in self.keep_out:

@@ -56,8 +56,9 @@ def test_it_prints_a_table_a_sentence_and_where_the_files_are(
         (["--vary", "pad.thickness=5", "--objective", "score"], "allowed: sensor, place"),
         (["--vary", "pad.thickness=5", "--robust", "spread"], "--robust does not go with --vary"),
         (["--vary", "pad.thickness=5", "--model", "x"], "--model does not go with --vary"),
-        (["--vary", "pad.thickness=5", "--place"], "--place does not go with --vary"),
-        (["--vary", "pad.thickness=5", "--lamps", "2"], "--lamps does not go with --vary"),
+        (["--vary", "search.lamps=2", "--lamps", "2"], "allowed: one of both"),
+        (["--vary", "pad.thickness=5", "--place", "--lamps", "99"], "lamps = 99, allowed: 1 to 34"),
+        (["--vary", "search.runs=0"], "search.runs = 0 makes no valid sensor"),
         (["--lamps-follow"], "lamps follow pad.thickness, which is not varied"),
     ],
 )
@@ -68,6 +69,23 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     assert said.code == 2
     assert told in " ".join(said.err.split())
     assert not Path("runs").exists()
+
+
+def test_lamps_of_each_number_are_placed_and_each_row_is_a_design(
+    tactilux: Run, small_file: Path
+) -> None:
+    text = small_file.read_text()
+    places = '\n[search]\n[[search.places]]\nedge = "left"\n'
+    at = 'at = { value = [-6.0, 6.0], unit = "mm", source = "test" }\n'
+    Path("sides.toml").write_text(text + places + at)
+    said = tactilux("explore", "sides.toml", "--vary", "search.lamps=2,3", "--coarse")
+    assert said.code == 0, said.err
+    assert "Pareto" in said.out
+    assert "2 lamps instead of 3 lamps: sensor reader" in said.out
+    design = Path("runs/small-search-lamps/points/2/design.json")
+    built = tactilux("build", design, "--out", "mine.toml")
+    assert built.code == 0, built.err
+    assert load_scene("mine.toml").lamp_count == 2
 
 
 def test_a_folder_of_something_else_is_left_alone(tactilux: Run, small_file: Path) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from optimize.dimensions import RelativeChange, relative_change
-from optimize.dimensions.answer import LightErrors, StudyLevel
+from optimize.dimensions.answer import LightErrors, StudyEffort
 from optimize.dimensions.relative_change import MODEL_SPREAD
 
-LEVELS: tuple[StudyLevel, ...] = ("drawn", "few", "converged")
+EFFORT_NAMES: tuple[StudyEffort, ...] = ("drawn", "few", "converged")
 
 
 def errors(draws: np.ndarray, noisier: np.ndarray | None = None) -> LightErrors:
@@ -22,15 +22,15 @@ def draws() -> np.ndarray:
     return 2.0 * np.exp(0.02 * np.random.default_rng(3).standard_normal(8))
 
 
-@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("effort", EFFORT_NAMES)
 def test_a_sensor_does_not_differ_from_itself_but_for_the_model(
-    draws: np.ndarray, level: StudyLevel
+    draws: np.ndarray, effort: StudyEffort
 ) -> None:
-    change = relative_change(errors(draws), errors(draws), "sensor", level)
+    change = relative_change(errors(draws), errors(draws), "sensor", effort)
     low, high = change.interval
     assert change.value == 0.0
     assert np.log1p([low, high]) == pytest.approx(
-        [-1.96 * MODEL_SPREAD[level], 1.96 * MODEL_SPREAD[level]], rel=1e-3
+        [-1.96 * MODEL_SPREAD[effort], 1.96 * MODEL_SPREAD[effort]], rel=1e-3
     )
 
 
@@ -51,13 +51,13 @@ def test_intervals_of_many_comparisons_are_wider(draws: np.ndarray) -> None:
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
-    rng, held, level = np.random.default_rng(11), 0, LEVELS[1]
+    rng, held, effort = np.random.default_rng(11), 0, EFFORT_NAMES[1]
     for _ in range(400):
         common = 0.1 * rng.standard_normal(8)
-        model = np.exp(MODEL_SPREAD[level] * rng.standard_normal())
+        model = np.exp(MODEL_SPREAD[effort] * rng.standard_normal())
         first = np.exp(common)
         other = 0.9 * model * np.exp(common + 0.02 * rng.standard_normal(8))
-        low, high = relative_change(errors(first), errors(other), "sensor", level).interval
+        low, high = relative_change(errors(first), errors(other), "sensor", effort).interval
         held += low <= -0.1 <= high
     assert 0.93 <= held / 400 <= 0.985
 

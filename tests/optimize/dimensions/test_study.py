@@ -22,7 +22,7 @@ from optimize.dimensions import (
 )
 from optimize.dimensions import study as study_module
 from optimize.dimensions.answer import Answer, answer, exposed_like
-from optimize.dimensions.study import first_level
+from optimize.dimensions.study import first_effort
 from optimize.exploration import explore
 from optimize.readers import CameraModel
 from render.preview.converged import Effort, cache
@@ -152,7 +152,7 @@ def test_sensors_that_are_certain_to_be_worse_are_named(distances: Study) -> Non
     rows = tuple(replace(row, changes=dict.fromkeys(row.changes, higher)) for row in distances.rows)
     found = replace(distances, rows=rows)
     assert found.worse == "Certain to be worse: 14.9 mm; 15.1 mm."
-    # What a finer level says of a sensor counts.
+    # What a finer effort says of a sensor counts.
     finer = replace(found, finalists=(distances.rows[1], distances.rows[2]))
     assert finer.worse == "Certain to be worse: 14.9 mm."
 
@@ -207,8 +207,8 @@ def test_finalists_are_answered_by_converged_light_without_its_noise(
 ) -> None:
     scene = small.with_(sites={"rows": 1})
     found = tactilux.study(scene, {"camera.distance": [14.9]})
-    assert [row.answer.level for row in found.rows] == ["few"] * 2
-    assert [row.answer.level for row in found.finalists] == ["converged"] * 2
+    assert [row.answer.effort for row in found.rows] == ["few"] * 2
+    assert [row.answer.effort for row in found.finalists] == ["converged"] * 2
     assert found.finalists[0].values == (15.0,)
     assert found.judged is found.finalists
     for row in found.finalists:
@@ -221,6 +221,10 @@ def test_finalists_are_answered_by_converged_light_without_its_noise(
 
 
 def test_behind_a_diffuser_and_where_asked_the_preview_answers_first() -> None:
-    assert first_level(load_scene("finger20"), coarse=False) == "drawn"
-    assert first_level(load_scene("digit"), coarse=False) == "few"
-    assert first_level(load_scene("digit"), coarse=True) == "drawn"
+    finger, digit = (
+        Variants(scene, [dimension_of(scene, "pad.thickness=5")])
+        for scene in map(load_scene, ("finger20", "digit"))
+    )
+    assert first_effort(finger, coarse=False) == "drawn"
+    assert first_effort(digit, coarse=False) == "few"
+    assert first_effort(digit, coarse=True) == "drawn"

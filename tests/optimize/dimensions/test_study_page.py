@@ -11,6 +11,7 @@ import pytest
 from optimize.design import find_scene, load_design_file, open_rated
 from optimize.dimensions import Study, begin_study, print_study_table, write_study
 from optimize.dimensions.study_page import BEST, DESIGN, PAGE, PLOT, PRESENT_DESIGN, rows_of
+from optimize.records import find_runs
 from render.files import read_sealed
 from render.scene import load_scene
 from tests.optimize.browser import SCREENS, look, pale_text
@@ -45,6 +46,18 @@ def test_the_best_sensor_is_a_file_and_its_design_finds_it(
         assert open_rated(target / name).rating.read is not None
     assert (target / PLOT).read_bytes()[:4] == b"\x89PNG"
     assert find_scene("digit-best", target / DESIGN, best.hash) == str(target / BEST)
+
+
+def test_it_is_listed_among_the_runs_with_its_sentence(
+    written: tuple[Path, Any], distances: Study
+) -> None:
+    target, result = written
+    (run,) = find_runs(target.parent)
+    assert (run.kind, run.state, run.path) == ("study", "finished", target)
+    assert (run.scene, run.scene_hash) == (distances.scene.name, distances.scene.hash)
+    assert run.note == result["sentence"]
+    assert run.design == target / DESIGN
+    assert run.report == target / PAGE
 
 
 def test_a_short_table_leaves_out_what_is_worst_and_never_the_sensor_as_it_is(

@@ -71,7 +71,10 @@ def test_the_same_leds_read_better_at_other_places() -> None:
     assert sorted(color for color in found.design.colors if color >= 0) == [0, 1, 2]
     said = moved_sentence(found)
     assert " at new places: sensor reader " in said
-    assert said.endswith(f"the best of all {found.proven:,} designs.")
+    assert said.endswith(
+        f"The best of all {found.proven:,} designs with at most 3 of 34 lamps lit, compared by the "
+        "expected error of the sensor reader."
+    )
 
 
 def test_what_a_model_may_be_off_by_is_said_and_hands_nothing_back() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from optimize.dimensions import PLAN
 from optimize.records import find_runs
 from optimize.report import BASELINE, DESIGN
 from render.files import temporary_name
@@ -70,3 +71,8 @@ def test_a_hidden_folder_that_may_not_be_read_is_none_of_ours(
 
     monkeypatch.setattr(Path, "iterdir", refuse)
     assert listed(tmp_path) == {}
+
+
+def test_a_study_whose_sensors_are_not_all_answered_goes_on(tmp_path: Path) -> None:
+    write(tmp_path / "digit-pad-thickness" / PLAN)
+    assert listed(tmp_path) == {"digit-pad-thickness": ("study", "unfinished")}

@@ -8,7 +8,7 @@ from scipy import stats
 
 from render.geometry import declared_sites, fiber_poses
 from render.preview.converged import Effort, block, transport, transport_at
-from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
+from render.preview.converged.arrivals import Arrivals, arrivals, flown, receivers_at
 from render.preview.converged.block import bent_block, patch_areas
 from render.preview.converged.gathering import site_points
 from render.preview.converged.launching import launched
@@ -40,7 +40,9 @@ def from_block(scene: Scene, points: np.ndarray) -> np.ndarray:
 
 def arrived(scene: Scene, lamp: int, photons: int, bend: float = 0.0) -> Arrivals:
     blocks = bent_block(scene, bend, pressed=False), bent_block(scene, bend, pressed=True)
-    return arrivals(scene, bend, lamp, AHEAD, *blocks, receivers_at(scene, bend), photons).whole
+    receivers = receivers_at(scene, bend)
+    brought = flown(scene, bend, lamp, AHEAD, *blocks, receivers, photons, range(photons))
+    return arrivals(scene, brought).whole
 
 
 def inverse_square(scene: Scene, lamp: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +206,9 @@ def test_the_grain_is_the_variance_of_a_cell_over_the_cell() -> None:
     blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
     receivers, photons = receivers_at(scene, 0.0), 20_000
     runs = [
-        arrivals(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, seed=seed).whole
+        arrivals(
+            scene, flown(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, range(photons), seed)
+        ).whole
         for seed in range(24)
     ]
     facets = np.array([run.facets[..., 0] for run in runs])
@@ -251,3 +255,18 @@ def test_what_belongs_to_the_exit_field_and_what_flies_is_all_light(
 
 def quiet() -> Clock:
     return Clock(1, None)
+
+
+def test_batches_of_photons_bring_together_what_all_of_them_bring() -> None:
+    scene = clear_pad()
+    blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
+    receivers, photons = receivers_at(scene, 0.0), 5_000
+    parts = [range(0, 1_700), range(1_700, 3_100), range(3_100, photons)]
+    whole, *some = (
+        flown(scene, 0.0, 1, AHEAD, *blocks, receivers, photons, numbers)
+        for numbers in (range(photons), *parts)
+    )
+    together = some[0] + some[1] + some[2]
+    for name in whole._fields:
+        assert getattr(together, name) == pytest.approx(getattr(whole, name), rel=1e-12), name
+    assert whole.first_received.sum() == pytest.approx(0.5 * whole.received.sum(), rel=0.1)

@@ -9,7 +9,7 @@ from scipy import stats
 from render.geometry import fresnel
 from render.preview.bonded import with_bonded_window
 from render.preview.converged import Effort, transport_at
-from render.preview.converged.arrivals import Arrivals, arrivals, receivers_at
+from render.preview.converged.arrivals import Arrivals, arrivals, flown, receivers_at
 from render.preview.converged.block import bent_block, patch_areas, patch_counts
 from render.preview.converged.gathering import gathered, patch_points
 from render.progress import Clock
@@ -23,7 +23,9 @@ CASE = "window lit at its edges rough 0.05"
 
 def arrived(scene: Scene, lamp: int, photons: int) -> Arrivals:
     blocks = bent_block(scene, 0.0, pressed=False), bent_block(scene, 0.0, pressed=True)
-    return arrivals(scene, 0.0, lamp, AHEAD, *blocks, receivers_at(scene, 0.0), photons).whole
+    receivers = receivers_at(scene, 0.0)
+    brought = flown(scene, 0.0, lamp, AHEAD, *blocks, receivers, photons, range(photons))
+    return arrivals(scene, brought).whole
 
 
 def with_index(case: str, index: float) -> Scene:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from render.geometry import SkinChart
-from render.preview.converged.arrivals import arrivals, receivers_at
+from render.preview.converged.arrivals import arrivals, flown, receivers_at
 from render.preview.converged.block import (
     bent_block,
     directions_to_block,
@@ -90,7 +90,9 @@ def test_as_much_light_gets_to_the_skin_as_analog_photons_bring(case: str) -> No
     receivers, areas = receivers_at(scene, 0.0), patch_areas(scene)
     mesh = BentScene(scene, 0.0, indented=False)
     for lamp in range(scene.lamp_count):
-        found = arrivals(scene, 0.0, lamp, np.array([PHI]), *blocks, receivers, photons).whole
+        phi, numbers = np.array([PHI]), range(photons)
+        brought = flown(scene, 0.0, lamp, phi, *blocks, receivers, photons, numbers)
+        found = arrivals(scene, brought).whole
         light = np.pi * (found.patches[:, 0] * areas).sum()
         truth, _ = trace_photons_on_mesh(
             mesh.pad, mesh.lamp(lamp, PHI), mesh.place(lamp), photons, 5, len(mesh.area)
