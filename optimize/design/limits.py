@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from optimize.design.design import DARK, Array, Colors, Design, baseline_design,
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
+from render.scene.places import images
 
 TURNS = 16
 """Steps in which fibers that would meet are turned upright."""
@@ -33,6 +35,8 @@ class SearchLimits:
         continuous_power: whether fibers may have less than ``led_power``.
         holder: in which neighboring fibers must not meet; None where nothing holds them.
         most_lit: fibers that may be lit at once; None is all.
+        ties: ``(F,)`` group of each fiber, 0..G-1, whose fibers have one color or are all off;
+            None where each is alone.
     """
 
     allowed: NDArray[np.bool_]
@@ -45,6 +49,12 @@ class SearchLimits:
     holder: FiberHolder | None = None
     palette: Palette = RGB
     most_lit: int | None = None
+    ties: Colors | None = None
+
+    @property
+    def groups(self) -> Colors:
+        """``(F,)`` group of each fiber: that of `ties`, or its own."""
+        return np.arange(len(self.allowed)) if self.ties is None else self.ties
 
     @property
     def may_be_off(self) -> bool:
@@ -55,7 +65,8 @@ class SearchLimits:
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
         counted = self.led_counts < len(self.allowed)
-        return bool(not self.allowed.all() or counted.any() or self.some_stay_off)
+        limited = counted.any() or self.some_stay_off or self.ties is not None
+        return bool(not self.allowed.all() or limited)
 
     @property
     def some_stay_off(self) -> bool:
@@ -87,6 +98,9 @@ class SearchLimits:
             permitted &= (chosen != DARK).all(axis=1)
         if self.most_lit is not None:
             permitted &= (chosen != DARK).sum(axis=1) <= self.most_lit
+        if self.ties is not None:
+            first = np.unique(self.ties, return_index=True)[1]
+            permitted &= (chosen == chosen[:, first[self.ties]]).all(axis=1)
         names = range(len(self.palette.names))
         used = np.stack([(chosen == c).sum(axis=1) for c in names], axis=1)
         return np.asarray(permitted & (used <= self.led_counts[: len(names)]).all(axis=1))
@@ -95,13 +109,16 @@ class SearchLimits:
         """Return the allowed colors ``(F,)`` of greatest total ``preference`` ``(F, choice)``.
 
         An assignment problem: every fiber takes one of the LEDs that there are. Where only some may
-        be lit, LEDs beyond so many are taken by fibers that are not there.
+        be lit, LEDs beyond so many are taken by fibers that are not there. Groups that are tied
+        take as many LEDs at once as they have fibers: an integer program.
 
         Raises:
             DesignError: no coloring is allowed.
         """
         from scipy.optimize import linear_sum_assignment
 
+        if self.ties is not None:
+            return self._nearest_tied(preference)
         choices = np.arange(self.allowed.shape[1])
         slots = np.repeat(choices, np.minimum(self.led_counts, len(self.allowed)))
         cost = np.where(self.allowed, -preference, FORBIDDEN)[:, slots]
@@ -113,11 +130,35 @@ class SearchLimits:
             row, column = linear_sum_assignment(cost)
             if cost[row, column].max() < FORBIDDEN:
                 return self.colors_of(slots[column[: len(self.allowed)]])
-        raise DesignError(
-            "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
-            "per color",
-            field="constraints",
+        raise _unfulfilled()
+
+    def _nearest_tied(self, preference: Array) -> Colors:
+        """Return the allowed colors of greatest preference where fibers are tied."""
+        from scipy.optimize import Bounds, LinearConstraint, milp
+
+        groups, choices = self.groups, self.allowed.shape[1]
+        count = int(groups.max()) + 1
+        worth, allowed = np.zeros((count, choices)), np.ones((count, choices))
+        np.add.at(worth, groups, preference)
+        np.minimum.at(allowed, groups, self.allowed)
+        size = np.bincount(groups).astype(np.float64)
+        one_each = np.kron(np.eye(count), np.ones(choices))
+        used = np.kron(size, np.eye(choices))
+        lit = np.kron(size, np.arange(choices) < len(self.palette.names))
+        most = len(groups) if self.most_lit is None else self.most_lit
+        found = milp(
+            -worth.ravel(),
+            integrality=np.ones(worth.size),
+            bounds=Bounds(0.0, allowed.ravel()),
+            constraints=[
+                LinearConstraint(one_each, 1.0, 1.0),
+                LinearConstraint(used, -np.inf, self.led_counts.astype(np.float64)),
+                LinearConstraint(lit[None], -np.inf, float(most)),
+            ],
         )
+        if found.x is None:
+            raise _unfulfilled()
+        return self.colors_of(found.x.reshape(worth.shape).argmax(axis=1)[groups])
 
     def colors_of(self, choices: Colors) -> Colors:
         """Return color indices of numbers of choices: the one after the last color is off, -1."""
@@ -194,6 +235,14 @@ class SearchLimits:
         return replace(design, drive=np.minimum(design.drive, self.led_power))
 
 
+def _unfulfilled() -> DesignError:
+    return DesignError(
+        "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
+        "per color",
+        field="constraints",
+    )
+
+
 def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> SearchLimits:
     """Return the limits that allow every color of ``palette``, and ``off`` if that is a choice."""
     choices = len(palette.names) + off
@@ -224,16 +273,21 @@ def limits_of(scene: Scene) -> SearchLimits:
     """
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
     most_lit = scene.search.lamps if scene.search is not None else None
+    mirror = scene.search.mirror if scene.search is not None else None
     straight = math.pi / 2
-    if given is None and most_lit is None:
+    if given is None and most_lit is None and mirror is None:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
-    some_off = may_be_off or any(entry.color == OFF for entry in given.fixed)
+    pairs = images(scene.placed_lamps(), mirror) if mirror is not None else ()
+    alone = np.array([image is None for image in pairs], dtype=bool)
+    some_off = may_be_off or bool(alone.any()) or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
     if some_off and not may_be_off:
         allowed[:, -1] = False
+    if alone.any():
+        allowed[alone] = np.arange(allowed.shape[1]) == len(palette.names)
     for entry in given.fixed:
         if entry.color is not None:
             choices, wanted = np.arange(allowed.shape[1]), palette.index(entry.color)
@@ -257,10 +311,17 @@ def limits_of(scene: Scene) -> SearchLimits:
         continuous_power=given.continuous_power,
         holder=FiberHolder.of(scene),
         most_lit=most_lit,
+        ties=_tied(pairs) if mirror is not None else None,
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))
     return limits
+
+
+def _tied(pairs: Sequence[int | None]) -> Colors:
+    """Return the group ``(F,)`` of each fiber with its image, in the order of their first."""
+    first = [i if other is None else min(i, other) for i, other in enumerate(pairs)]
+    return np.unique(first, return_inverse=True)[1]
 
 
 def dimmed_baseline(scene: Scene) -> Design:

@@ -40,7 +40,7 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
             as many as the scene says, or the baseline lights.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
-    its constraints say how many, or more lamps may be lit than the baseline lights.
+    its constraints say how many, lamps are mirrored, or more may be lit than the baseline lights.
 
     Raises:
         SceneError: the scene has no file, no place is left, or so many lamps cannot be.
@@ -95,14 +95,12 @@ def _add_lamps(
     placed = scene.placed_lamps()
     lamps = document["lamps"] if "lamps" in document else tomlkit.aot()
     for candidate in candidates:
-        source = (
-            f"searched: a place on the {candidate.edge} edge, like lamp {candidate.like} of "
-            f"{scene.name}"
-        )
+        source = f"searched: {candidate.words}, like lamp {candidate.like} of {scene.name}"
+        body = body_of(document, placed[candidate.like].key)
         lamp = {
             "position": {"value": candidate.position.tolist(), "unit": "mm", "source": source},
             "direction": {"value": candidate.direction.tolist(), "source": source},
-            **body_of(document, placed[candidate.like].key),
+            **body | ({"turns": False} if candidate.upright else {}),
         }
         lamps.append(lamp_table(lamp))
     document["lamps"] = lamps
@@ -119,7 +117,8 @@ def _limit_colors(
     constraints["off"] = True
     names = scene.palette.names
     counted = given is not None and any(given.of_color(name).max is not None for name in names)
-    if counted or most > len(lit):
+    mirrored = scene.search is not None and scene.search.mirror is not None
+    if counted or mirrored or most > len(lit):
         return
     for name in names:
         if name in RGB.names and not (given and given.colors and name in given.colors):

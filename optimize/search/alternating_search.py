@@ -130,9 +130,9 @@ class _Rounds:
     def take_groups(self, number: int) -> None:
         """Search colors in pairs or larger groups, where the limits leave any.
 
-        Where most lamps stay off there are no groups of one color.
+        Where most lamps stay off, or lamps are tied, there are no groups of neighbors.
         """
-        if self.scorer.limits.some_stay_off:
+        if self.scorer.limits.some_stay_off or self.scorer.limits.ties is not None:
             return
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))

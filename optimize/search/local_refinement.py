@@ -186,17 +186,23 @@ def _recolored(scorer: TableScorer, objective: Objective, best: ScoredDesign) ->
 
 
 def _moves(scorer: TableScorer, design: Design) -> list[Design]:
-    """Return the allowed designs that another color of one fiber makes, or a swap of two."""
+    """Return the allowed designs that another color of one fiber makes, or a swap of two.
+
+    Fibers that are tied move together.
+    """
     limits, old = scorer.limits, design.colors
     choices = limits.colors_of(np.arange(limits.allowed.shape[1]))
+    groups = [np.flatnonzero(limits.groups == group) for group in np.unique(limits.groups)]
     colorings = []
-    for fiber, color in itertools.product(range(len(old)), choices):
-        if color != old[fiber]:
-            colorings.append(np.where(np.arange(len(old)) == fiber, color, old))
-    for first, second in itertools.combinations(range(len(old)), 2):
-        if old[first] != old[second]:
+    for members, color in itertools.product(groups, choices):
+        if color != old[members[0]]:
+            recolored = old.copy()
+            recolored[members] = color
+            colorings.append(recolored)
+    for first, second in itertools.combinations(groups, 2):
+        if old[first[0]] != old[second[0]]:
             swapped = old.copy()
-            swapped[[first, second]] = old[[second, first]]
+            swapped[first], swapped[second] = old[second[0]], old[first[0]]
             colorings.append(swapped)
     if not colorings:
         return []

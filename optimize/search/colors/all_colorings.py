@@ -15,6 +15,7 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     """Return every coloring ``(N, F)`` within ``limits``, None where there may be over ``most``.
 
     Each lights some lamp. Where colors are ``alike``, those that only exchange them count once.
+    Lamps that are tied have one color.
 
     >>> from dataclasses import replace
     >>> from optimize.design import unlimited
@@ -22,8 +23,11 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     >>> all_colorings(one_of_three, 9, alike=True).tolist()
     [[0, -1, -1], [-1, 0, -1], [-1, -1, 0]]
     """
-    fibers, leds = len(limits.allowed), limits.led_counts[: len(limits.palette.names)]
-    top = min(fibers, int(leds.sum()), fibers if limits.most_lit is None else limits.most_lit)
+    sizes = np.bincount(limits.groups)
+    fibers, least = len(sizes), int(sizes.min())
+    leds = limits.led_counts[: len(limits.palette.names)] // least
+    lamps = len(limits.allowed) if limits.most_lit is None else limits.most_lit
+    top = min(fibers, int(leds.sum()), lamps // least)
     found, total = [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
         ways = math.comb(fibers, lit)
@@ -37,8 +41,8 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
             np.put_along_axis(colors, places, np.array(pattern)[None], axis=1)
             found.append(colors)
     if not found:
-        return np.empty((0, fibers), dtype=np.int64)
-    every = np.concatenate(found)
+        return np.empty((0, len(limits.allowed)), dtype=np.int64)
+    every = np.concatenate(found)[:, limits.groups]
     return every[limits.fits(every)]
 
 

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from optimize.design import Array, Colors
 from optimize.scoring import TableScorer, improves, tied
-from optimize.search.colors.colorings import ColorResult, canonical, color_units, ranked
+from optimize.search.colors.colorings import (
+    ColorResult,
+    canonical,
+    color_units,
+    ranked,
+    summed_by_group,
+)
 from render.progress import Clock, OnProgress
 
 RESTARTS = 24
@@ -68,25 +74,30 @@ def quick_colors(
 
 
 class _TwoOpt:
-    """Best-improvement search; counts are updated by differences, never summed anew."""
+    """Best-improvement search; counts are updated by differences, never summed anew.
+
+    Fibers that are tied are one.
+    """
 
     def __init__(self, scorer: TableScorer, phi: Array) -> None:
         from optimize.scoring.metric_kernel import channel_mark, kernel_constants, score_moves
 
         self.score_moves = score_moves
-        self.units = color_units(scorer, phi)
+        self.groups = scorer.limits.groups
+        self.first = np.unique(self.groups, return_index=True)[1]
+        self.units = summed_by_group(color_units(scorer, phi), self.groups)
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
         self.mark = channel_mark(scorer.channels, np.float64)
         self.choices = self.units.shape[1]
-        self.pairs = _moves(scorer.fibers, self.choices - 1)
+        self.pairs = _moves(len(self.units), self.choices - 1)
         self.limits = scorer.limits
         self.evaluated = 0
 
     def climb(self, colors: Colors) -> tuple[Colors, float]:
         """Return the local optimum that best-improvement steps from ``colors`` reach."""
         fibers, others = len(self.units), self.choices - 1
-        chosen = colors % self.choices  # off, -1, is the last choice
+        chosen = colors[self.first] % self.choices  # off, -1, is the last choice
         score = -np.inf
         while True:
             counts = np.zeros(self.units.shape[2:])
@@ -108,14 +119,14 @@ class _TwoOpt:
             # Move 0 keeps the colors.
             score = float(scores[0])
             if not improves(scores[best], score):
-                return self.limits.colors_of(chosen), score
+                return self.limits.colors_of(chosen[self.groups]), score
             chosen = _moved(chosen, pairs[best : best + 1], self.choices)[0]
 
     def _allowed(self, chosen: Colors) -> NDArray[np.int64]:
         """Return the moves from ``chosen`` that stay within the limits."""
         if not self.limits.colors_limited:
             return self.pairs
-        moved = self.limits.colors_of(_moved(chosen, self.pairs, self.choices))
+        moved = self.limits.colors_of(_moved(chosen, self.pairs, self.choices)[:, self.groups])
         return np.ascontiguousarray(self.pairs[self.limits.fits(moved)])
 
 

@@ -33,7 +33,7 @@ def test_it_changes_no_hash_and_does_not_travel_with_renders(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        ((), "search names nothing, allowed: lamps, places, keep_out or apart"),
+        ((), "search names nothing, allowed: lamps, places, keep_out, apart or mirror"),
         (("lamps = 0",), "search.lamps = 0: allowed: 1 to 1024"),
         (("lamp = 2",), "unknown key search.lamp, did you mean lamps?"),
         ((RAIL.format("left"), "pich = 2"), "unknown key search.places.0.pich, did you mean pitch"),
