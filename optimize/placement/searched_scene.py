@@ -7,7 +7,6 @@ is off changes no light: it hides nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import tomlkit
 
@@ -29,7 +28,13 @@ PLACES = "-places"
 LONGEST_NAME = 64
 
 
-def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None) -> Scene:
+def searched_scene(
+    scene: Scene,
+    *,
+    place: bool = True,
+    lamps: int | None = None,
+    candidates: Sequence[CandidateLamp] | None = None,
+) -> Scene:
     """Return the scene of all designs that may be chosen, with a file of its own.
 
     Arguments:
@@ -38,6 +43,7 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
             lamps of its kind.
         lamps: at most so many lit; where no places are searched all colors stay free. By default
             as many as the scene says, or the baseline lights.
+        candidates: the places; by default all those that `candidates_of` has.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
     its constraints say how many, lamps are mirrored, or more may be lit than the baseline lights.
@@ -45,8 +51,8 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
     Raises:
         SceneError: the scene has no file, no place is left, or so many lamps cannot be.
     """
-    rails = scene.search.places if scene.search is not None else ()
-    candidates = _candidates(scene, rails or usual_rails(scene)) if place else ()
+    if candidates is None:
+        candidates = candidates_of(scene) if place else ()
     lit = [color for color in scene.baseline_colors() if color != OFF]
     said = scene.search.lamps if scene.search is not None else None
     most = lamps if lamps is not None else said if said is not None else len(lit)
@@ -71,8 +77,24 @@ def searched_scene(scene: Scene, *, place: bool = True, lamps: int | None = None
     return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
 
 
-def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]:
-    found = candidates_on(scene, rails)
+def with_places(scene: Scene) -> Scene:
+    """Return the scene that a search of ``scene`` works on: with its places, if it names some.
+
+    Raises:
+        SceneError: as `searched_scene` does.
+    """
+    named = scene.search is not None and scene.search.places
+    return searched_scene(scene) if named else scene
+
+
+def candidates_of(scene: Scene) -> tuple[CandidateLamp, ...]:
+    """Return the places of a scene: those on its rails, or else along every edge for its lamps.
+
+    Raises:
+        SceneError: there are none, or too many.
+    """
+    rails = scene.search.places if scene.search is not None else ()
+    found = candidates_on(scene, rails or usual_rails(scene))
     if not found:
         raise SceneError(
             f"{scene.name} has no place for a lamp along its edges that is not taken, allowed: "

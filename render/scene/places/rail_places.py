@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -27,6 +27,8 @@ PITCH = 2.0
 """Diameters between neighbors of a rail that names no pitch."""
 ROUNDED = 4
 """Digits of mm that a candidate's place has."""
+FINEST, FINEST_TILT = 0.1, math.radians(1.0)
+"""mm and rad below which a place is not refined: no hand nor board is more exact."""
 UP = (0.0, 0.0, 1.0)
 
 
@@ -117,6 +119,35 @@ class RailPlaces(ABC):
     def steps(self) -> tuple[float, ...]:
         """What of each coordinate is a pitch, in its own unit; 0 where it cannot be moved."""
         return (self.pitch,)
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """Ends between which ``height`` (mm) and ``tilt`` (rad) are free."""
+        ranges = {"height": self.rail.height_range, "tilt": self.rail.tilt_range}
+        return {name: (ends[0], ends[1]) for name, ends in ranges.items() if ends is not None}
+
+    def around(self, place: Place, part: float) -> Iterator[Place]:
+        """Yield the places next to one, by a ``part`` of a pitch or of what is free."""
+        for number, step in enumerate(self.steps):
+            for way in (-part * step, part * step) if step else ():
+                moved = list(place.along)
+                moved[number] += way
+                if self.holds(tuple(moved)):
+                    yield replace(place, along=tuple(moved))
+        for name, (low, high) in self.spans.items():
+            here = getattr(place, name)
+            for way in (-part * (high - low), part * (high - low)):
+                value = min(max(here + way, low), high)
+                if value != here:
+                    yield replace(place, **{name: value})
+
+    @property
+    def widest(self) -> float:
+        """The widest that is free, in units of how fine it is to be known; 0: nothing is."""
+        free = [self.pitch / FINEST if any(self.steps) else 0.0]
+        for name, (low, high) in self.spans.items():
+            free.append((high - low) / (FINEST if name == "height" else FINEST_TILT))
+        return max(free)
 
     @property
     def heights(self) -> tuple[float, ...]:
