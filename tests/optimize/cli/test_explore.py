@@ -132,7 +132,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
                 for stage in ("baseline", "score", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json", "scene.toml"}
-    texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html"}
+    texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html", "board.dxf", "board.svg"}
     assert names == pictures | texts | {"convergence.png"}
 
 
@@ -162,7 +162,8 @@ def test_the_wiring_of_a_design_can_be_made_for_another_board_and_step(
     assert result["score"] == pytest.approx(explored.result["optimized"]["score"], rel=0.1)
     sheet = Path("sheet")
     assert {item.name for item in sheet.iterdir()} == {
-        "jig.stl", "mounted.json", "result.json", "wiring.csv", "wiring.html",
+        "board.dxf", "board.svg", "jig.stl", "mounted.json", "result.json", "wiring.csv",
+        "wiring.html",
     }  # fmt: skip
     mounted = load_design_file(sheet / "mounted.json")
     assert {angle % 15 for angle in np.round(mounted.angles_deg, 6)} == {0.0}

@@ -35,7 +35,7 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     assert {item.name for item in tmp_path.iterdir()} == {"run", "run-renders"}
     assert {item.name for item in (tmp_path / "run").iterdir()} == {
         "baseline.json", "design.json", "runner-up.json", "result.json", "report.html",
-        "wiring.csv", "mounted.json", "jig.stl", "scene.toml",
+        "wiring.csv", "mounted.json", "jig.stl", "scene.toml", "board.dxf", "board.svg",
     }  # fmt: skip
     page = (tmp_path / "run" / "report.html").read_text()
     assert result["report"] == "run/report.html"
