@@ -33,7 +33,7 @@ def refined_sentence(found: RefinedPlaces, objective: ObjectiveName) -> str:
     far = f" by up to {max(moved):.1f} mm" if moved else ""
     return (
         f"Places refined{far}: {what} {found.before:.2f}{unit} to {found.after:.2f}{unit} on the "
-        f"preview ({found.after / found.before - 1:+.0%})"
+        f"preview ({found.after / found.before - 1:+.1%})"
     )
 
 

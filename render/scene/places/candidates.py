@@ -6,7 +6,9 @@ of them may be lit together. Where lamps are mirrored, a place comes with its im
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 MOST_CANDIDATES = 256
 """More make tables that take minutes and gigabytes."""
+MOST_LOOKED_AT = 20_000
+"""Of a rail, also those where no lamp fits."""
 SAME = 1e-3
 """mm: lamps that are nearer to each other are one."""
 
@@ -126,12 +130,19 @@ def candidate_problems(scene: Scene) -> Iterator[str]:
                     f"{key}.{name} = {reach:g} mm lies beside the edge, allowed: {-side:g} to "
                     f"{side:g} mm"
                 )
-        yield from _range_problems(rail, key)
+        looked_at = rail_places(scene, rail).looked_at
+        if looked_at > MOST_LOOKED_AT:
+            yield (
+                f"{key} looks at {looked_at:,} places, allowed: at most {MOST_LOOKED_AT:,}; take a "
+                "larger pitch"
+            )
+            continue
         places = list(rail_places(scene, rail).candidates())
         if not places:
             yield f"{key}: no lamp fits on {rail.words}, allowed: room for at least a lamp"
         total += len(places)
         if len(places) <= MOST_CANDIDATES:
+            yield from _range_problems(scene, rail, key)
             yield from misfits(scene, key, places)
             if search.mirror is not None:
                 yield from _image_problems(scene, search, key, places)
@@ -149,17 +160,32 @@ def candidate_problems(scene: Scene) -> Iterator[str]:
         )
 
 
-def _range_problems(rail: Rail, key: str) -> Iterator[str]:
-    """Yield which heights lie outside of the range in which they are free."""
-    if rail.height_range is None:
-        return
-    low, high = rail.height_range
-    for height in rail.heights or ():
-        if not low <= height <= high:
-            yield (
-                f"{key}.heights = {height:g} mm lies outside of height_range, allowed: {low:g} to "
-                f"{high:g} mm"
+def _range_problems(scene: Scene, rail: Rail, key: str) -> Iterator[str]:
+    """Yield which values lie outside of the range in which they are free, and ends that misfit."""
+    places = rail_places(scene, rail)
+    tilts = () if rail.tilt is None else (rail.tilt,)
+    for name, said in (("heights", rail.heights or ()), ("tilt", tilts)):
+        ends = places.spans.get(name.removesuffix("s"))
+        if ends is None:
+            continue
+        unit, scale = ("mm", 1.0) if name == "heights" else ("deg", math.degrees(1.0))
+        kept = f"{name.removesuffix('s')}_range"
+        for value in said:
+            if not ends[0] <= value <= ends[1]:
+                yield (
+                    f"{key}.{name} = {scale * value:g} {unit} lies outside of {kept}, allowed: "
+                    f"{scale * ends[0]:g} to {scale * ends[1]:g} {unit}"
+                )
+        for end in ends:
+            moved = (
+                places.candidate(
+                    replace(one.place, height=end)
+                    if name == "heights"
+                    else replace(one.place, tilt=end)
+                )
+                for one in places.candidates()
             )
+            yield from misfits(scene, f"{key}.{kept}", moved)
 
 
 def _image_problems(

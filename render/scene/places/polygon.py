@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 
+MOST_CORNERS = 64
+"""All pairs of sides are held against each other."""
+
 
 def inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Return which of ``points`` ``(..., 2)`` lie in a polygon ``(corner, 2)``.
@@ -39,8 +42,9 @@ def border_distance(points: Array, corners: Array) -> Array:
 def polygon_problems(corners: Array, key: str) -> Iterator[str]:
     """Yield why there is no polygon of such ``corners`` ``(corner, 2)``."""
     count = len(corners)
-    if count < 3:
-        yield f"{key} has {count} corner{'s' * (count != 1)}, allowed: at least 3, going around"
+    if not 3 <= count <= MOST_CORNERS:
+        said = f"{key} has {count} corner{'s' * (count != 1)}"
+        yield f"{said}, allowed: 3 to {MOST_CORNERS}, going around"
         return
     ends = np.roll(corners, -1, axis=0)
     for first, second in itertools.combinations(range(count), 2):

@@ -107,6 +107,11 @@ class RailPlaces(ABC):
     def grid(self) -> Iterator[tuple[float, ...]]:
         """Yield coordinates of places a pitch apart, in their order along the rail."""
 
+    @property
+    @abstractmethod
+    def looked_at(self) -> int:
+        """At most so many places are looked at, in all heights."""
+
     @abstractmethod
     def holds(self, along: tuple[float, ...]) -> bool:
         """Return whether the rail reaches to some coordinates."""
@@ -207,6 +212,13 @@ class EdgePlaces(RailPlaces):
         """A pitch, unless places are named one by one."""
         return (0.0 if self.rail.at is not None else self.pitch,)
 
+    @property
+    def looked_at(self) -> int:
+        """As many as the rail has."""
+        low, high = self._ends
+        along = len(self.rail.at) if self.rail.at is not None else (high - low) / self.pitch + 1
+        return int(along) * len(self.heights)
+
     def grid(self) -> Iterator[tuple[float, ...]]:
         """Yield mm from the edge's middle."""
         if self.rail.at is not None:
@@ -269,6 +281,12 @@ class RingPlaces(RailPlaces):
         """A pitch as an angle."""
         return (self.pitch / self._radius,)
 
+    @property
+    def looked_at(self) -> int:
+        """As many as the rail has."""
+        low, high = self.rail.angles or (0.0, 2 * math.pi)
+        return int((high - low) / self.steps[0] + 1) * len(self.heights)
+
     def grid(self) -> Iterator[tuple[float, ...]]:
         """Yield angles, evenly spaced, at least a pitch apart along the ring."""
         low, high = self.rail.angles or (0.0, 2 * math.pi)
@@ -315,6 +333,12 @@ class BoardPlaces(RailPlaces):
     def steps(self) -> tuple[float, ...]:
         """A pitch along x and y."""
         return (self.pitch, self.pitch)
+
+    @property
+    def looked_at(self) -> int:
+        """As many as the polygon's bounds have."""
+        along = np.ptp(self._corners, axis=0) / self.pitch + 1
+        return int(along[0]) * int(along[1]) * len(self.heights)
 
     def grid(self) -> Iterator[tuple[float, ...]]:
         """Yield x and y, row by row."""
@@ -364,6 +388,11 @@ class ListPlaces(RailPlaces):
     def steps(self) -> tuple[float, ...]:
         """Nothing moves."""
         return (0.0,)
+
+    @property
+    def looked_at(self) -> int:
+        """As many as the list has."""
+        return len(self.rail.positions or ())
 
     def grid(self) -> Iterator[tuple[float, ...]]:
         """Yield numbers of entries."""

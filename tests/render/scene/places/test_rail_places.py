@@ -149,7 +149,7 @@ SQUARE = f"corners = {quantity([list(corner) for corner in BOARD])}"
         ((f"radius = {quantity(9.5)}", f"heights = {quantity([3.0])}"),
          "search.places.0, a ring of 9.5 mm about (0, 0) mm: a lamp at"),
         ((f"corners = {quantity([[0.0, 0.0], [3.0, 3.0]])}", HEIGHT),
-         "search.places.0.corners has 2 corners, allowed: at least 3, going around"),
+         "search.places.0.corners has 2 corners, allowed: 3 to 64, going around"),
         ((f"corners = {quantity([[0.0, 0.0], [3.0, 3.0], [3.0, 0.0], [0.0, 3.0]])}", HEIGHT),
          "search.places.0.corners: the sides after corners 0 and 2 meet, allowed: corners in "
          "their order around it"),
@@ -157,6 +157,11 @@ SQUARE = f"corners = {quantity([list(corner) for corner in BOARD])}"
          "search.places.0.corners enclose no area"),
         ((f"corners = {quantity([[0.0, 0.0], [3.0], [6.0, 1.0]])}", HEIGHT),
          "search.places.0.corners.1 = [3.0]: allowed: 2 numbers"),
+        ((f"corners = {quantity([[-900.0, -900.0], [900.0, 900.0], [900.0, 899.0]])}", HEIGHT,
+          f"pitch = {quantity(0.05)}"),
+         "search.places.0 looks at 1,296,072,001 places, allowed: at most 20,000; take a larger"),
+        ((f"corners = {quantity([[0.0, float(i)] for i in range(65)])}", HEIGHT),
+         "search.places.0.corners has 65 corners, allowed: 3 to 64"),
         ((f"corners = {quantity([[0.0, 0.0], [0.5, 0.0], [0.5, 0.5]])}", HEIGHT),
          "search.places.0: no lamp fits on a board, allowed: room for at least a lamp"),
         ((SQUARE, HEIGHT, f"tilt = {quantity(3.0, 'deg')}"),
@@ -172,6 +177,11 @@ SQUARE = f"corners = {quantity([list(corner) for corner in BOARD])}"
          "search.places.0.height_range = 3, 1 mm, allowed: two ends, ascending"),
         (('edge = "left"', HEIGHT, f"height_range = {quantity([1.0, 3.0])}"),
          "search.places.0.heights = -2 mm lies outside of height_range, allowed: 1 to 3 mm"),
+        (('edge = "left"', f"tilt = {quantity(9.0, 'deg')}",
+          f"tilt_range = {quantity([10.0, 30.0], 'deg')}"),
+         "search.places.0.tilt = 9 deg lies outside of tilt_range, allowed: 10 to 30 deg"),
+        (('edge = "left"', f"height_range = {quantity([1.0, 9.0])}"),
+         "search.places.0.height_range, the left edge: a lamp at z = 9 mm lies above the pad"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_sentence_with_its_key(
