@@ -15,6 +15,7 @@ from render.errors import DesignError
 from render.progress import Progress, in_stage
 
 if TYPE_CHECKING:
+    from optimize.design import Design
     from optimize.exploration import Exploration
     from optimize.search import SearchStep
     from render.scene import Scene, StandaloneScene
@@ -124,7 +125,7 @@ def run(
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
 
-        def explored(scene: Scene, checker: Checker) -> Exploration:
+        def explored(scene: Scene, checker: Checker, *starts: Design) -> Exploration:
             where = (
                 f"its {checker.level_name}{noise_words(checker.photon_noise)}"
                 if checker.file is None
@@ -137,6 +138,7 @@ def run(
                     checker,
                     objective=goal,
                     seed=seed,
+                    starts=starts,
                     progress=_Steps(bar),
                     report=in_stage(bar, f"for the {goal} reader"),
                 )
@@ -168,7 +170,8 @@ def run(
         if better is not None:
             note(refined_sentence(better, goal))
         if again or better is not None:
-            second = explored(finer, open_model(finer, model, coarse=coarse))
+            starts = () if better is None else (better.design,)
+            second = explored(finer, open_model(finer, model, coarse=coarse), *starts)
             # On one level, places that are finer and read worse are not taken.
             if again or not reads_worse(second, found):
                 found, kept = second, kept if better is None else standalone(finer)
