@@ -29,7 +29,7 @@ def run(
     model: ModelFolder = None,
     as_json: Json = False,
 ) -> None:
-    """Write wiring sheet, CSV and drilling jig of a design."""
+    """Write wiring sheet, CSV, board and jig of a design."""
     from hw.leds.channels import ChannelMap
     from optimize.design import load_layout
     from optimize.exploration import rate

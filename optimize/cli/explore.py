@@ -15,10 +15,12 @@ from render.errors import DesignError
 from render.progress import Progress, in_stage
 
 if TYPE_CHECKING:
+    from optimize.design import Design
     from optimize.exploration import Exploration
     from optimize.objectives import ObjectiveName
     from optimize.search import SearchStep
-    from render.scene import Scene
+    from render.scene import Scene, StandaloneScene
+    from surrogate.runtime import Checker
 
 
 def run(
@@ -83,7 +85,12 @@ def run(
         )
     from optimize.design import noise_words
     from optimize.exploration import explore
-    from optimize.placement import searched_scene
+    from optimize.placement import (
+        reads_worse,
+        refined_places,
+        refined_sentence,
+        searched_scene,
+    )
     from optimize.report import DESIGN, write_exploration
     from optimize.robust import study_robustness
     from optimize.scoring import first_model, is_prompt, open_model
@@ -94,8 +101,7 @@ def run(
 
     began = time.monotonic()
     with reserved_stdout() as stream:
-        scene = load_scene(scene_name)
-        own_name = scene.name
+        scene = sensor = load_scene(scene_name)
         place = place or bool(scene.search and scene.search.places)
         named = None if parts is None else [name.strip() for name in parts.split(",")]
         chosen = place or named or (scene.search and scene.search.parts)
@@ -105,45 +111,70 @@ def run(
         for told in stale_sources(scene, sources(scene)):
             note(told)
         goal = _goal(scene, objective, robust, shadow)
-        target = out or Path("runs") / f"{own_name}-explore"
+        refined = robust is not None or shadow is not None
+        target = out or Path("runs") / f"{sensor.name}-explore"
         check_target(target)
         earlier = design_in(target / DESIGN)
         # The pictures need OpenGL: better to miss it now than after the search.
         create_context().release()
-        # What takes minutes to answer is answered with few light paths before.
-        twice = not coarse and not is_prompt(scene, model)
-        for last in (False, True) if twice else (True,):
-            checker = open_model(scene, model, coarse=coarse) if last else first_model(scene)
+
+        def explored(scene: Scene, checker: Checker, *starts: Design) -> Exploration:
             where = (
                 f"its {checker.level_name}{noise_words(checker.photon_noise)}"
                 if checker.file is None
                 else f"the surrogate in {checker.file.parent}"
-            )  # fmt: skip
+            )
             note(f"Exploring {scene.name} on {where}")
             with ProgressBar() as bar:
-                found = explore(
+                return explore(
                     scene,
                     checker,
                     objective=goal,
                     seed=seed,
+                    starts=starts,
                     progress=_Steps(bar),
                     report=in_stage(bar, f"for the {goal} reader"),
                 )
-                if last and (robust is not None or shadow is not None):
-                    bar.note("  refining for what was asked")
-                    found = study_robustness(found, robust, shadow, bar)
-                bar.note("  drawing pictures and the report")
-                # Only this command's own first answer gives way: it may be the earlier design.
-                keep_other = design_in(target / DESIGN) == earlier
-                result = write_exploration(
-                    found,
-                    kept,
-                    target,
-                    lambda: time.monotonic() - began,
-                    keep_other=keep_other,
-                )
-            if not last:
-                note(_first_answer(found, target, time.monotonic() - began))
+
+        def written(found: Exploration, kept: StandaloneScene) -> dict[str, object]:
+            # Only this command's own first answer gives way: it may be the earlier design.
+            keep_other = design_in(target / DESIGN) == earlier
+            note("  drawing pictures and the report")
+            return write_exploration(
+                found,
+                kept,
+                target,
+                lambda: time.monotonic() - began,
+                keep_other=keep_other,
+            )
+
+        # What takes minutes to answer is answered with few light paths before.
+        again = not coarse and not is_prompt(scene, model)
+        checker = first_model(scene) if again else open_model(scene, model, coarse=coarse)
+        found = explored(scene, checker)
+        if again:
+            written(found, kept)
+            note(_first_answer(found, target, time.monotonic() - began))
+        better = None
+        # A part's body may not fit beside another's place, and a shot's colors are its own.
+        alone = not (scene.search and scene.search.parts) and scene.palette.shots == 1
+        if place and alone and checker.file is None:
+            with ProgressBar("Refining places") as bar:
+                better = refined_places(sensor, scene, found.design, goal, bar)
+        finer = scene if better is None else better.scene
+        if better is not None:
+            note(refined_sentence(better, goal))
+        if again or better is not None:
+            starts = () if better is None else (better.design,)
+            second = explored(finer, open_model(finer, model, coarse=coarse), *starts)
+            # On one level, places that are finer and read worse are not taken.
+            if again or not reads_worse(second, found):
+                found, kept = second, kept if better is None else standalone(finer)
+        if refined:
+            with ProgressBar() as bar:
+                bar.note("  refining for what was asked")
+                found = study_robustness(found, robust, shadow, bar)
+        result = written(found, kept)
         if as_json:
             print_json(stream, result)
         else:

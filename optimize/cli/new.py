@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import shlex
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 from typer import Argument, Option
 
@@ -19,19 +21,45 @@ if TYPE_CHECKING:
     from render.scene.new_scene import Answers
 
 
+NUMBERS = {
+    "width": (float, "Of the pad, across, mm."),
+    "length": (float, "Of the pad, from base to tip, mm."),
+    "thickness": (float, "Of the clear gel, mm."),
+    "diffuser": (float, "Thickness of the diffuser on the edges, mm; 0 for none."),
+    "left": (int, "Lamps along the left edge."),
+    "tip": (int, "Lamps along the tip."),
+    "right": (int, "Lamps along the right edge."),
+    "base": (int, "Lamps along the base."),
+    "distance": (float, "From the camera to the pad, mm."),
+    "field_of_view": (float, "Of the camera along the pad, degrees (default: all of it)."),
+    "place_lamps": (int, "At most so many lit, which explore places along the edges."),
+}
+"""Options that answer the questions of `render.scene.new_scene`, with their kinds and helps."""
+
+
+def _with_numbers(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of `NUMBERS`, which it is told as ``**given``."""
+    own = inspect.signature(command, eval_str=True)
+    options = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[Optional[kind], Option(help=words)],  # noqa: UP045
+        )
+        for name, (kind, words) in NUMBERS.items()
+    ]
+    named = [one for one in own.parameters.values() if one.kind is not one.VAR_KEYWORD]
+    command.__signature__ = own.replace(  # type: ignore[attr-defined]
+        parameters=[*named, *options]
+    )
+    return command
+
+
+@_with_numbers
 def run(
     name: Annotated[str, Argument(help="Name of the scene.")] = "my-sensor",
     out: Annotated[Path | None, Option(help="The file (default: <name>.toml).")] = None,
-    width: Annotated[float | None, Option(help="Of the pad, across, mm.")] = None,
-    length: Annotated[float | None, Option(help="Of the pad, from base to tip, mm.")] = None,
-    thickness: Annotated[float | None, Option(help="Of the clear gel, mm.")] = None,
-    diffuser: Annotated[
-        float | None, Option(help="Thickness of the diffuser on the edges, mm; 0 for none.")
-    ] = None,
-    left: Annotated[int | None, Option(help="Lamps along the left edge.")] = None,
-    tip: Annotated[int | None, Option(help="Lamps along the tip.")] = None,
-    right: Annotated[int | None, Option(help="Lamps along the right edge.")] = None,
-    base: Annotated[int | None, Option(help="Lamps along the base.")] = None,
     lamp: Annotated[
         Literal["fiber", "led"] | None, Option(help="Fibers turn; LEDs do not, and shine wide.")
     ] = None,
@@ -42,11 +70,8 @@ def run(
     camera: Annotated[
         Literal["color", "gray"] | None, Option(help="What the camera sees (default: color).")
     ] = None,
-    distance: Annotated[float | None, Option(help="From the camera to the pad, mm.")] = None,
-    field_of_view: Annotated[
-        float | None, Option(help="Of the camera along the pad, degrees (default: all of it).")
-    ] = None,
     as_json: Json = False,
+    **given: float | None,
 ) -> None:
     """Write a commented scene file of a sensor of your own."""
     from optimize.ui.output import check_file, write_result
@@ -56,11 +81,6 @@ def run(
     from render.scene.new_scene import Answers, check_name, scene_file
     from render.scene.scene_file import scene_from_text
 
-    given = {
-        "width": width, "length": length, "thickness": thickness, "diffuser": diffuser,
-        "left": left, "tip": tip, "right": right, "base": base, "distance": distance,
-        "field_of_view": field_of_view,
-    }  # fmt: skip
     with reserved_stdout() as stream:
         check_name(name)
         path = out or Path(f"{name}.toml")

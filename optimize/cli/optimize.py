@@ -53,6 +53,7 @@ def run(
     began = time.monotonic()
     if minutes is not None and method != "loop":
         raise BadParameter("--minutes is for --method loop: the thesis's procedure takes its time")
+    from optimize.placement import with_places
     from optimize.report import doubts, write_optimization
     from optimize.ui.output import check_target
     from optimize.verification import (
@@ -66,7 +67,8 @@ def run(
     from render.scene import load_scene, standalone
 
     with reserved_stdout() as stream:
-        scene = load_scene(scene_name)
+        sensor = load_scene(scene_name)
+        scene = with_places(sensor)
         kept = standalone(scene)
         if method != "loop" and scene.constraints is not None:
             raise SceneError(
@@ -74,7 +76,7 @@ def run(
                 "use --method loop, or leave the section out to compare",
                 field="constraints",
             )
-        target = out or Path("runs") / f"{scene.name}-optimize"
+        target = out or Path("runs") / f"{sensor.name}-optimize"
         check_target(target)
         checker = _checker(scene, model, required=method != "thesis")
         ensure_llvm()

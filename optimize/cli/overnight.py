@@ -56,13 +56,15 @@ def run(
             raise BadParameter(f"give {first} or {second}, not both")
     from optimize.overnight.job import overnight
     from optimize.overnight.run_directory import check_run_directory
+    from optimize.placement import with_places
     from optimize.ui.process import Stopped
     from render.reference import ensure_llvm
     from render.scene import load_scene
 
     with reserved_stdout() as stream:
-        scene = load_scene(scene_name)
-        target = out or Path("runs") / f"{scene.name}-overnight"
+        sensor = load_scene(scene_name)
+        scene = with_places(sensor)
+        target = out or Path("runs") / f"{sensor.name}-overnight"
         check_run_directory(target)
         if dask is None:
             ensure_llvm()

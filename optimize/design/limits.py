@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,6 +22,7 @@ from optimize.design.runs import Runs, around_rim
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
+from render.scene.places import images
 
 TURNS = 16
 """Steps in which fibers that would meet are turned upright."""
@@ -44,6 +46,8 @@ class SearchLimits:
         exclusive: ``(F, F)`` fibers of which at most one may be lit; None where all may.
         budgets: what lit fibers may cost together.
         runs: of one color along the ring that there may be; None is any number.
+        ties: ``(F,)`` group of each fiber, 0..G-1, whose fibers have one color or are all off;
+            None where each is alone.
     """
 
     allowed: NDArray[np.bool_]
@@ -59,6 +63,7 @@ class SearchLimits:
     exclusive: NDArray[np.bool_] | None = None
     budgets: tuple[Budget, ...] = ()
     runs: Runs | None = None
+    ties: Colors | None = None
 
     @cached_property
     def rules(self) -> LinearRules:
@@ -73,6 +78,18 @@ class SearchLimits:
             self.budgets,
         )
 
+    @cached_property
+    def groups(self) -> Colors:
+        """``(F,)`` group of each fiber: that of `ties`, or its own."""
+        return np.arange(len(self.allowed)) if self.ties is None else self.ties
+
+    @cached_property
+    def of_groups(self) -> tuple[NDArray[np.bool_], LinearRules]:
+        """Which choices ``(G, choice)`` whole groups may have, and what limits these."""
+        allowed = np.ones((int(self.groups.max()) + 1, self.allowed.shape[1]), dtype=bool)
+        np.logical_and.at(allowed, self.groups, self.allowed)
+        return allowed, self.rules.of_groups(self.groups)
+
     @property
     def may_be_off(self) -> bool:
         """Whether off is a choice."""
@@ -81,7 +98,8 @@ class SearchLimits:
     @property
     def colors_limited(self) -> bool:
         """Whether some coloring is not allowed."""
-        return bool(not self.allowed.all() or len(self.rules.most) or self.runs_limited)
+        limited = self.runs_limited or self.ties is not None
+        return bool(not self.allowed.all() or len(self.rules.most) or limited)
 
     @property
     def some_stay_off(self) -> bool:
@@ -136,6 +154,9 @@ class SearchLimits:
         permitted &= self.rules.fit(chosen)
         if self.runs is not None:
             permitted &= self.runs.fit(chosen)
+        if self.ties is not None:
+            first = np.unique(self.ties, return_index=True)[1]
+            permitted &= (chosen == chosen[:, first[self.ties]]).all(axis=1)
         return np.asarray(permitted)
 
     @property
@@ -162,9 +183,12 @@ class SearchLimits:
                     field="search.runs",
                 )
             return self.colors_of(choices)
-        choices = self.rules.best_choice(preference, self.allowed)
+        allowed, rules = self.of_groups
+        worth = np.zeros(allowed.shape)
+        np.add.at(worth, self.groups, preference)
+        choices = rules.best_choice(worth, allowed)
         if choices is not None:
-            return self.colors_of(choices)
+            return self.colors_of(choices[self.groups])
         raise DesignError(
             "no choice of colors fulfills the constraints: fix fewer fibers or allow more "
             f"{' or more of '.join(['LEDs per color', *(one.key for one in self.budgets)])}",
@@ -260,6 +284,14 @@ class SearchLimits:
         return replace(design, drive=np.minimum(design.drive, self.led_power))
 
 
+def _unfulfilled() -> DesignError:
+    return DesignError(
+        "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
+        "per color",
+        field="constraints",
+    )
+
+
 def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> SearchLimits:
     """Return the limits that allow every color of ``palette``, and ``off`` if that is a choice."""
     choices = len(palette.names) + off
@@ -291,15 +323,19 @@ def limits_of(scene: Scene) -> SearchLimits:
     fibers, given, palette = scene.lamp_count, scene.constraints, scene.palette
     most_lit = scene.search.lamps if scene.search is not None else None
     most_runs = scene.search.runs if scene.search is not None else None
+    mirror = scene.search.mirror if scene.search is not None else None
     straight = math.pi / 2
     parts = searched_parts(scene)
     draws = scene.search is not None and scene.search.current is not None
-    if given is None and most_lit is None and not parts and not draws and most_runs is None:
+    asked = most_lit is not None or most_runs is not None or mirror is not None
+    if given is None and not asked and not parts and not draws:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
     may_be_off = bool(given.off) or (most_lit is not None and most_lit < fibers)
     may_be_off = may_be_off or bool(parts) or draws
-    some_off = may_be_off or any(entry.color == OFF for entry in given.fixed)
+    pairs = images(scene.placed_lamps(), mirror) if mirror is not None else ()
+    alone = np.array([image is None for image in pairs], dtype=bool)
+    some_off = may_be_off or bool(alone.any()) or any(entry.color == OFF for entry in given.fixed)
     free = unlimited(fibers, palette, off=some_off)
     allowed = free.allowed.copy()
     if some_off and not may_be_off:
@@ -308,6 +344,8 @@ def limits_of(scene: Scene) -> SearchLimits:
     if parts:
         allowed[:, : len(palette.names)] = choices_of_parts = part_choices(scene)
         exclusive = overlapping(scene, choices_of_parts)
+    if alone.any():
+        allowed[alone] = np.arange(allowed.shape[1]) == len(palette.names)
     for entry in given.fixed:
         if entry.color is not None:
             # A fixed lamp has its LED, which may shine in any of the shots.
@@ -336,10 +374,17 @@ def limits_of(scene: Scene) -> SearchLimits:
         exclusive=exclusive,
         budgets=budgets_of(scene, led_power, allowed),
         runs=None if most_runs is None else Runs(most_runs, around_rim(scene)),
+        ties=_tied(pairs) if mirror is not None else None,
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))
     return limits
+
+
+def _tied(pairs: Sequence[int | None]) -> Colors:
+    """Return the group ``(F,)`` of each fiber with its image, in the order of their first."""
+    first = [i if other is None else min(i, other) for i, other in enumerate(pairs)]
+    return np.unique(first, return_inverse=True)[1]
 
 
 def dimmed_baseline(scene: Scene) -> Design:

@@ -76,6 +76,12 @@ class LinearRules:
         shape = (len(weights), fibers, choices)
         return cls(np.array(weights, dtype=np.int64).reshape(shape), np.array(most, dtype=np.int64))
 
+    def of_groups(self, groups: Colors) -> LinearRules:
+        """Return the rules of whole ``groups`` ``(F,)``, 0..G-1, whose lamps choose together."""
+        weights = np.zeros((int(groups.max()) + 1, len(self.most), self.weights.shape[2]), np.int64)
+        np.add.at(weights, groups, np.moveaxis(self.weights, 1, 0))
+        return LinearRules(np.moveaxis(weights, 0, 1), self.most)
+
     def used(self, chosen: Colors) -> Colors:
         """Return what ``chosen`` ``(N, F)`` weigh by every rule, ``(N, rule)``."""
         sums = [_weighed(rule, chosen) for rule in self.weights]

@@ -159,13 +159,14 @@ def numbers_of(scene: Scene) -> dict[str, tuple[float, str]]:
     """
     content = written_of(scene).content
     lit = sum(color != OFF for color in scene.baseline_colors())
-    said = UNSAID | {
+    said = {
         key: found
         for name, part in content.items()
         if name not in MEASURES
         for key, found in _numbers(part, name)
     }
-    return said | {key: said.get(key, (lit, "")) for key in ("search.lamps", "search.runs")}
+    usual = UNSAID | dict.fromkeys(("search.lamps", "search.runs"), (lit, ""))
+    return said | {key: said.get(key, value) for key, value in usual.items()}
 
 
 class Variants:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -220,6 +220,7 @@ def explore(
     *,
     objective: ObjectiveName = "sensor",
     seed: int = 0,
+    starts: Sequence[Design] = (),
     progress: Callable[[SearchStep], None] | None = None,
     report: OnProgress | None = None,
 ) -> Exploration:
@@ -227,7 +228,8 @@ def explore(
 
     The search for S comes first; that for a reader's degrees starts from what it found, from the
     baseline and from random colorings. It keeps to the scene's constraints, and begins at the
-    allowed design nearest to the baseline; the baseline keeps only to those of LED power.
+    allowed design nearest to the baseline; the baseline keeps only to those of LED power. That for
+    degrees goes on from ``starts`` too, allowed designs that are known already.
     ``progress`` is told the scores that the model itself gives, as the stages have them: those of
     the table that is searched differ by what its interpolation misses. ``report`` is told how far
     the search for a reader is.
@@ -263,8 +265,8 @@ def explore(
     else:
         goal = ReaderObjective(scorer, scene, objective, CameraModel.of(scene))
         first = search.history[0].design
-        starts = [first, search.design]
-        best = search_by_reader(scorer, goal, starts, seed=seed, progress=report)
+        known = [first, search.design, *starts]
+        best = search_by_reader(scorer, goal, known, seed=seed, progress=report)
         found, proven = best.design, best.allowed
         rated(replace(search.history[-1], design=found, stage="reader",
                       seconds=time.perf_counter() - began))  # fmt: skip

@@ -69,8 +69,8 @@ def drilling_jig(scene: Scene, design: Design) -> Mesh:
     holder, poses, fibers = FiberHolder.of(scene), flat_fiber_poses(scene), scene.fibers
     if fibers is None or scene.lamps:
         raise JigError(
-            "there is no jig for lamps in rows and lists of their own, only for fibers: take the "
-            "places from the wiring sheet",
+            "there is no jig for lamps in rows and lists of their own, only for fibers: take their "
+            "places from the board drawing",
             field="rows",
         )
     for problem in holder.problems(design.phi):

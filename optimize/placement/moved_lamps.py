@@ -1,4 +1,4 @@
-"""What a placement search changed, in a sentence: how many lamps, and what readers gain."""
+"""What a placement search changed, in a sentence: which lamps, how far, and what readers gain."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from optimize.design import DARK, Design, baseline_design
 from optimize.exploration import Exploration
+from optimize.objectives import ObjectiveName
+from optimize.placement.refined_places import RefinedPlaces
 from optimize.ui.console import counted
 from render.scene import Scene
 
@@ -20,6 +22,25 @@ def moved_sentence(found: Exploration) -> str:
         f"reader {first.normal_error:.2f}° to {last.normal_error:.2f}° "
         f"({last.normal_error / first.normal_error - 1:+.0%}).{proof}"
     )
+
+
+def refined_sentence(found: RefinedPlaces, objective: ObjectiveName) -> str:
+    """Return how far refined places were moved, and what the preview says that this gains."""
+    what, unit = ("S", "") if objective == "score" else (f"{objective} reader", "°")
+    moved = [distance for distance in found.moved if distance > 0.0]
+    far = f" by up to {max(moved):.1f} mm" if moved else ""
+    return (
+        f"Places refined{far}: {what} {found.before:.2f}{unit} to {found.after:.2f}{unit} on the "
+        f"preview ({found.after / found.before - 1:+.1%})"
+    )
+
+
+def reads_worse(second: Exploration, first: Exploration) -> bool:
+    """Return whether what one search found is worse by its objective than what another did."""
+    stages = second.stages[-1], first.stages[-1]
+    if second.objective == "score":
+        return stages[0].rating.score < stages[1].rating.score
+    return stages[0].error(second.objective) > stages[1].error(second.objective)
 
 
 def moved_lamps(scene: Scene, design: Design) -> str:

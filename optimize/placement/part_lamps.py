@@ -15,7 +15,7 @@ from optimize.exploration import Exploration
 from render.errors import SceneError
 from render.scene import RGB, Led, LedEntry, Profile, Scene, entries_of, known_leds, responses
 from render.scene.catalog import naming_problems
-from render.scene.lamps import ListedLamp
+from render.scene.lamps import ListedLamp, placed_lamps
 from render.scene.places import CandidateLamp, lamp_problems
 from render.scene.schema.toml_document import lamp_table
 
@@ -33,7 +33,7 @@ DIGITS = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class _Place:
     """Where a lamp may be; ``own`` is the number of the lamp that is there already."""
 
     position: Array
@@ -150,16 +150,16 @@ def _color(entry: LedEntry, seen: Array) -> dict[str, Any]:
     return {"name": entry.name, "response": {"value": values, "source": source}, "ink": ink}
 
 
-def _places(scene: Scene, candidates: Sequence[CandidateLamp]) -> Iterator[Place]:
+def _places(scene: Scene, candidates: Sequence[CandidateLamp]) -> Iterator[_Place]:
     for number, lamp in enumerate(scene.placed_lamps()):
-        yield Place(lamp.position, lamp.beam, lamp.turns, f"the place of lamp {number}", number)
+        yield _Place(lamp.position, lamp.beam, lamp.turns, f"the place of lamp {number}", number)
     placed = scene.placed_lamps()
     for one in candidates:
         turns = placed[one.like].turns
-        yield Place(one.position, one.direction, turns, f"a place on the {one.edge} edge")
+        yield _Place(one.position, one.direction, turns, one.words)
 
 
-def _misfits(scene: Scene, place: Place, led: Led) -> Iterator[str]:
+def _misfits(scene: Scene, place: _Place, led: Led) -> Iterator[str]:
     """Yield why an LED cannot be on a place."""
     half, height, box = led.body_mm[1] / 2, float(place.position[2]), scene.box
     above, below = float(box.high[2]), float(box.low[2])
@@ -180,11 +180,11 @@ def _misfits(scene: Scene, place: Place, led: Led) -> Iterator[str]:
         profile=profile,
         turns=place.turns,
     )
-    for problem in lamp_problems(scene, listed):
+    for problem in lamp_problems(scene, placed_lamps(scene.box, (), (listed,), False)[0]):
         yield problem.replace("lamps.0", "a lamp", 1)
 
 
-def _lamp(place: Place, led: Led) -> dict[str, Any]:
+def _lamp(place: _Place, led: Led) -> dict[str, Any]:
     source = f"searched: {place.said}, for {led.name} and parts with the same body"
     sheet = f"{led.name}: {led.source}"
     profile: Any = "lambertian"

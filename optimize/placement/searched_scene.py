@@ -44,6 +44,7 @@ def searched_scene(
     lamps: int | None = None,
     parts: Sequence[str] | None = None,
     shots: int | None = None,
+    candidates: Sequence[CandidateLamp] | None = None,
 ) -> Scene:
     """Return the scene of all designs that may be chosen, with a file of its own.
 
@@ -57,16 +58,17 @@ def searched_scene(
             are any, each place has a lamp for every body among them, of which one may be lit, and
             the colors are the parts'.
         shots: pictures that are taken one after the other; as many as the scene says unless given.
+        candidates: the places; by default all those that `candidates_of` has.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
-    its constraints say how many, or more lamps may be lit than the baseline lights.
+    its constraints say how many, lamps are mirrored, or more may be lit than the baseline lights.
 
     Raises:
         SceneError: the scene has no file, no place is left, so many lamps cannot be, or a part is
             none or does not fit.
     """
-    rails = scene.search.places if scene.search is not None else ()
-    candidates = _candidates(scene, rails or usual_rails(scene)) if place else ()
+    if candidates is None:
+        candidates = candidates_of(scene) if place else ()
     option = "" if parts is None else "--parts"
     if parts is None:
         parts = scene.search.parts if scene.search is not None else ()
@@ -112,8 +114,24 @@ def searched_scene(
     return scene_from_text(text_of(document), f"{scene.name} with its places", folder)
 
 
-def _candidates(scene: Scene, rails: Sequence[Any]) -> tuple[CandidateLamp, ...]:
-    found = candidates_on(scene, rails)
+def with_places(scene: Scene) -> Scene:
+    """Return the scene that a search of ``scene`` works on: with its places, if it names some.
+
+    Raises:
+        SceneError: as `searched_scene` does.
+    """
+    named = scene.search is not None and scene.search.places
+    return searched_scene(scene) if named else scene
+
+
+def candidates_of(scene: Scene) -> tuple[CandidateLamp, ...]:
+    """Return the places of a scene: those on its rails, or else along every edge for its lamps.
+
+    Raises:
+        SceneError: there are none, or too many.
+    """
+    rails = scene.search.places if scene.search is not None else ()
+    found = candidates_on(scene, rails or usual_rails(scene))
     if not found:
         raise SceneError(
             f"{scene.name} has no place for a lamp along its edges that is not taken, allowed: "
@@ -135,15 +153,13 @@ def _lamps_on(
     """Return a lamp for every place, with the body of one of the scene's."""
     placed, lamps = scene.placed_lamps(), []
     for candidate in candidates:
-        source = (
-            f"searched: a place on the {candidate.edge} edge, like lamp {candidate.like} of "
-            f"{scene.name}"
-        )
+        source = f"searched: {candidate.words}, like lamp {candidate.like} of {scene.name}"
+        body = body_of(document, placed[candidate.like].key)
         lamps.append(
             {
                 "position": {"value": candidate.position.tolist(), "unit": "mm", "source": source},
                 "direction": {"value": candidate.direction.tolist(), "source": source},
-                **body_of(document, placed[candidate.like].key),
+                **body | ({"turns": False} if candidate.upright else {}),
             }
         )
     return lamps
@@ -171,7 +187,8 @@ def _limit_colors(
     names, palette = scene.palette.one_shot.names, scene.palette
     lit = [names[palette.led[palette.index(color)]] for color in lit]
     counted = given is not None and any(given.of_color(name).max is not None for name in names)
-    if counted or most > len(lit):
+    mirrored = scene.search is not None and scene.search.mirror is not None
+    if counted or mirrored or most > len(lit):
         return
     for name in names:
         if name in RGB.names and not (given and given.colors and name in given.colors):

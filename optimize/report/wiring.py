@@ -17,6 +17,8 @@ from optimize.mounting import (
     JigError,
     Mounting,
     banding_sentences,
+    board_dxf,
+    board_svg,
     drilling_jig,
     empty_places,
     stl_bytes,
@@ -32,13 +34,16 @@ from render.geometry import LOWER, FiberHolder, fiber_edges, flat_fiber_poses, f
 from render.scene import Scene, known_leds
 
 CSV, JIG, MOUNTED = "wiring.csv", "jig.stl", "mounted.json"
+BOARD, BOARD_PICTURE = "board.dxf", "board.svg"
 AXES = 5.0
 """mm, length of the drawn axes."""
 
 
 def write_wiring(folder: Path, mounting: Mounting, rating: Rating | None = None) -> str:
-    """Write CSV, jig and the design as mounted into ``folder``; return why there is no jig."""
+    """Write CSV, board, jig and the design as mounted into ``folder``; return why no jig."""
     write_text(folder / CSV, wiring_csv(mounting))
+    write_text(folder / BOARD, board_dxf(mounting))
+    write_text(folder / BOARD_PICTURE, board_svg(mounting))
     save_design(folder / MOUNTED, mounting.design, mounting.scene, rating)
     try:
         write_bytes(folder / JIG, stl_bytes(drilling_jig(mounting.scene, mounting.design)))
@@ -51,7 +56,8 @@ def wiring_files(design: Path, no_jig: str = "") -> str:
     """Say what `write_wiring` wrote, and how the files of another step or board are made."""
     jig = f"no jig ({no_jig})" if no_jig else f"{JIG} (a drilling jig for the angles above, in mm)"
     return (
-        f"Beside this page: {CSV}, {MOUNTED} (the design with the angles above) and {jig}. "
+        f"Beside this page: {CSV}, {BOARD} and {BOARD_PICTURE} (centers, outlines and numbers of "
+        f"lamps, in mm), {MOUNTED} (the design with the angles above) and {jig}. "
         f"For another step, other LEDs or another board: tactilux wiring {design} --help."
     )
 

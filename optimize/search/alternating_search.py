@@ -156,10 +156,11 @@ class _Rounds:
     def take_groups(self, number: int) -> None:
         """Search colors in pairs or larger groups, where the limits leave any.
 
-        Where most lamps stay off there are no groups of one color, and pairs make no few runs.
+        Where most lamps stay off, or lamps are tied, there are no groups of neighbors, and pairs
+        make no few runs.
         """
         limits = self.scorer.limits
-        if limits.some_stay_off or limits.runs_limited:
+        if limits.some_stay_off or limits.runs_limited or limits.ties is not None:
             return
         try:
             self.take_colors(number, grouped_colors(self.scorer, self.design.phi))

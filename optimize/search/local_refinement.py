@@ -189,13 +189,15 @@ def _recolored(scorer: TableScorer, objective: Objective, best: ScoredDesign) ->
 def _moves(scorer: TableScorer, design: Design) -> list[Design]:
     """Return the allowed designs that another color of one fiber makes, or a swap of two.
 
-    Where a lit fiber goes off for a dark one, that one may have any color.
+    Where a lit fiber goes off for a dark one, that one may have any color. Fibers that are tied
+    move together.
     """
-    limits, old = scorer.limits, design.colors
-    free = [limits.colors_of(np.flatnonzero(row)).tolist() for row in limits.allowed]
-    changes: set[tuple[tuple[int, int], ...]] = set()  # by fiber
-    for fiber, colors in enumerate(free):
-        changes |= {((fiber, color),) for color in colors if color != old[fiber]}
+    limits, groups = scorer.limits, scorer.limits.groups
+    old = design.colors[np.unique(groups, return_index=True)[1]]
+    free = [limits.colors_of(np.flatnonzero(row)).tolist() for row in limits.of_groups[0]]
+    changes: set[tuple[tuple[int, int], ...]] = set()  # by group
+    for group, colors in enumerate(free):
+        changes |= {((group, color),) for color in colors if color != old[group]}
     for first, second in itertools.combinations(range(len(old)), 2):
         if old[first] != old[second]:
             changes.add(((first, int(old[second])), (second, int(old[first]))))
@@ -206,16 +208,17 @@ def _moves(scorer: TableScorer, design: Design) -> list[Design]:
             }
     colorings = []
     for change in sorted(changes):
-        colorings.append(old.copy())
-        for fiber, color in change:
-            colorings[-1][fiber] = color
+        recolored = old.copy()
+        for group, color in change:
+            recolored[group] = color
+        colorings.append(recolored[groups])
     if not colorings:
         return []
     allowed = np.array(colorings)[limits.fits(np.array(colorings))]
     made = []
     for colors in allowed:
         moved = scorer.design(design.phi, colors)
-        same = (colors == old)[:, None]
+        same = (colors == design.colors)[:, None]
         made.append(replace(moved, drive=np.where(same, design.drive, moved.drive)))
     return made
 

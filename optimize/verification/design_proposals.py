@@ -94,16 +94,17 @@ def propose(
 
 
 def _recolored(scorer: TableScorer, goal: Objective, best: Design) -> list[Colors]:
-    """Return the allowed colorings that differ in one fiber from ``best``, best first."""
+    """Return the allowed colorings that differ in one fiber from ``best``, best first.
+
+    Fibers that are tied count as one.
+    """
     limits = scorer.limits
     if not limits.fits(best.colors[None])[0]:
         return []
-    choices = limits.allowed.shape[1]
-    fibers = np.repeat(np.arange(scorer.fibers), choices - 1)
-    moved = np.repeat(best.colors[None], len(fibers), axis=0) % choices
-    rows = np.arange(len(fibers))
-    moved[rows, fibers] = (moved[rows, fibers] + 1 + rows % max(choices - 1, 1)) % choices
-    moved = limits.colors_of(moved)
+    groups, choices = limits.groups, limits.allowed.shape[1]
+    moving = np.repeat(np.arange(groups.max() + 1), choices - 1)[:, None]
+    step = 1 + np.arange(len(moving)) % max(choices - 1, 1)
+    moved = limits.colors_of((best.colors + (groups == moving) * step[:, None]) % choices)
     moved = moved[limits.fits(moved)]
     values = goal.values([scorer.design(best.phi, colors) for colors in moved])
     return list(moved[np.argsort(-values, kind="stable")])

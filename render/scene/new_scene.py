@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from render.errors import SceneError
@@ -30,6 +30,8 @@ GRAY = dict.fromkeys(COLORS, 1.0) | {"infrared": 0.4}
 """What the one channel of a gray camera sees of them."""
 CAMERAS = ("color", "gray")
 PIXELS = 600
+PLACES = 200
+"""Along all edges, at most: tables of more take minutes."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ QUESTIONS = {
     "distance": Question("from the camera to the pad", "mm", 1.0, 500.0, None),
     "field_of_view": Question("field of view of the camera, along the pad",
                               "deg", 5.0, 170.0, None),
+    "place_lamps": Question("lamps that explore may place along the edges, 0 to leave all",
+                            "", 0, 64, 0),
 }  # fmt: skip
 """By the names of the flags, with dashes there."""
 
@@ -225,8 +229,27 @@ def scene_file(answers: Answers) -> str:
             "# The design that others are compared with.\n[baseline]\n"
             + "\n".join(f'{edge} = "{color}"' for edge, color in answers.edge_colors.items()),
             *_other_colors(answers),
+            *_search(answers),
         ]
     ).rstrip() + "\n"  # fmt: skip
+
+
+def _search(answers: Answers) -> Iterator[str]:
+    """Yield what a search may decide: a rail along each edge with lamps."""
+    most = int(answers.size("place_lamps"))
+    if not most:
+        return
+    yield (
+        "\n# What tactilux explore may decide: at most so many lamps are lit, on any places.\n"
+        "# between, heights and tilt say more of a rail; keep_out names parts that are taken.\n"
+        f"[search]\nlamps = {most}  # {GIVEN}\n"
+    )
+    whole = sum(answers.size("width" if edge in ("tip", "base") else "length")
+                for edge in answers.lit)  # fmt: skip
+    wide = max(2 * answers.diameter, math.ceil(whole / PLACES))
+    pitch = _quantity("pitch", wide, "mm", "assumed: at least two diameters of a lamp")
+    for edge in answers.lit:
+        yield f'[[search.places]]\nedge = "{edge}"\n{pitch}\n'
 
 
 def _quantity(name: str, value: float, unit: str, source: str) -> str:

@@ -191,7 +191,7 @@ class Quantity:
     @property
     def shape(self) -> str:
         """The form that the file must have, for error messages."""
-        value = "[...]" if self.many else "..."
+        value = "[...]" if self.many or isinstance(self, PointList) else "..."
         unit = f', unit = "{self.unit}"' if self.unit else ""
         return f'{{ value = {value}{unit}, source = "..." }}'
 
@@ -263,6 +263,51 @@ class PerChannel(Quantity):
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise PydanticCustomError("number_or_list", "allowed: a number, or a list of them")
         return self._within(float(value))
+
+
+@dataclass(frozen=True)
+class PointList(Quantity):
+    """Annotation of places or directions: a list of lists of ``size`` numbers each.
+
+    In memory a tuple ``(point,)`` of tuples ``(size,)``.
+    """
+
+    size: int = 2
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the validation schema."""
+        number = core_schema.no_info_after_validator_function(
+            self._within, core_schema.float_schema(strict=True)
+        )
+        point = core_schema.no_info_after_validator_function(
+            self._whole, core_schema.tuple_variable_schema(number, strict=False)
+        )
+        points = core_schema.tuple_variable_schema(point, min_length=1, strict=False)
+        return core_schema.no_info_before_validator_function(self._unwrap, points)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the JSON schema of the form that the file must have."""
+        number = {"type": "number", "minimum": self.low, "maximum": self.high}
+        point = {"type": "array", "items": number, "minItems": self.size, "maxItems": self.size}
+        return quantity_form(
+            {"value": {"type": "array", "items": point, "minItems": 1}}, self.unit
+        ) | {
+            "description": f"Allowed: lists of {self.size} numbers each, "
+            f"{allowed_range(self.low, self.high, self.unit)}."
+        }
+
+    def _whole(self, point: tuple[float, ...]) -> tuple[float, ...]:
+        if len(point) != self.size:
+            raise PydanticCustomError("point_size", "allowed: {n} numbers", {"n": self.size})
+        return point
+
+    def written(self, value: Any, source: str = "in memory") -> Any:
+        """Return points as a file has them."""
+        return self.form([list(point) for point in value], source)
 
 
 @dataclass(frozen=True)

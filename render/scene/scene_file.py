@@ -130,9 +130,15 @@ def _problems(error: ValidationError) -> list[Any]:
     return [
         one
         for one in found
-        if not (one["type"] == "too_short" and one["input"])
+        if not (one["type"] == "too_short" and any(_within(other, one) for other in found))
         and not (one["type"] == REST_REFUSED and followed)
     ]
+
+
+def _within(problem: Any, whole: Any) -> bool:
+    """Return whether a problem is one of an entry of a list that is refused as a ``whole``."""
+    place, list_ = problem["loc"], whole["loc"]
+    return len(place) > len(list_) and place[: len(list_)] == list_
 
 
 def _with_stand_ins(raw: dict[str, Any], problems: list[Any], color: str) -> dict[str, Any] | None:

@@ -6,9 +6,10 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from optimize.placement import searched_scene
+from optimize.placement import candidates_of, searched_scene
 from render.scene import load_scene, scene_text
 from tests.docs.test_tutorial import load_runner, words
 
@@ -24,6 +25,18 @@ def test_the_section_that_a_page_shows_is_taken(page: Path, places: int, tmp_pat
     path = tmp_path / "mine.toml"
     path.write_text(scene_text("digit") + section)
     assert searched_scene(load_scene(path)).lamp_count == 3 + places
+
+
+def test_rails_beyond_edges_that_a_page_shows_are_taken(tmp_path: Path) -> None:
+    page = (DOCS / "scenes.md").read_text()
+    (section,) = re.findall(r"```toml\n(\[\[search.places\]\].*?)```", page, re.DOTALL)
+    path = tmp_path / "mine.toml"
+    path.write_text(scene_text("digit") + section)
+    found = candidates_of(load_scene(path))
+    kinds = [candidate.rail.kind for candidate in found]
+    assert set(kinds) == {"ring", "board", "list"}
+    assert kinds.count("list") == 2
+    assert all(np.hypot(*one.position[:2]) >= 4.0 for one in found)
 
 
 @pytest.mark.slow

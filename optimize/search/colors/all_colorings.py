@@ -15,6 +15,7 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     """Return every coloring ``(N, F)`` within ``limits``, None where there may be over ``most``.
 
     Each lights some lamp. Where colors are ``alike``, those that only exchange them count once.
+    Lamps that are tied have one color.
 
     >>> from dataclasses import replace
     >>> from optimize.design import unlimited
@@ -22,15 +23,16 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     >>> all_colorings(one_of_three, 9, alike=True).tolist()
     [[0, -1, -1], [-1, 0, -1], [-1, -1, 0]]
     """
-    fibers, palette = len(limits.allowed), limits.palette
-    allowed = limits.allowed[:, : len(palette.names)]
+    palette, (choices, _) = limits.palette, limits.of_groups
+    allowed, sizes = choices[:, : len(palette.names)], np.bincount(limits.groups)
+    fibers, least = len(sizes), int(sizes.min())
     taken = np.bincount(palette.led, allowed.any(axis=0), palette.led_count) > 0
-    leds = limits.led_counts[: palette.led_count] * taken
+    leds = limits.led_counts[: palette.led_count] * taken // least
     ring = np.arange(fibers) if limits.runs is None else limits.runs.ring
     runs = fibers if limits.runs is None else limits.runs.most
     usable = ring[np.asarray(allowed.any(axis=1))[ring]]
-    most_lit = fibers if limits.most_lit is None else limits.most_lit
-    top = min(len(usable), int(leds.sum()), most_lit)
+    lamps = len(limits.allowed) if limits.most_lit is None else limits.most_lit
+    top = min(len(usable), int(leds.sum()), lamps // least)
     left = (leds[palette.led] * allowed.any(axis=0)).tolist()
     found, total = [], 0
     for lit in range(1 if limits.may_be_off else fibers, top + 1):
@@ -45,9 +47,9 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
             np.put_along_axis(colors, places, np.array(pattern)[None], axis=1)
             found.append(colors)
     if not found:
-        return np.empty((0, fibers), dtype=np.int64)
-    allowed = np.concatenate(found)
-    return allowed[limits.fits(allowed)]
+        return np.empty((0, len(limits.allowed)), dtype=np.int64)
+    every = np.concatenate(found)[:, limits.groups]
+    return every[limits.fits(every)]
 
 
 def _patterns(lit: int, left: list[int], runs: int, alike: bool) -> Iterator[tuple[int, ...]]:

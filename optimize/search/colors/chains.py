@@ -28,8 +28,13 @@ MOST_CHAINS = 10**9
 
 
 def is_chained(limits: SearchLimits) -> bool:
-    """Return whether all colorings within ``limits`` are chains of few choices."""
-    return limits.some_stay_off or limits.runs_limited
+    """Return whether all colorings within ``limits`` are chains of few choices.
+
+    Lamps that exclude others or are tied, budgets and several shots are no part of a chain.
+    """
+    alone = limits.exclusive is None and limits.ties is None and limits.palette.shots == 1
+    few = limits.some_stay_off or limits.runs_limited
+    return alone and not limits.budgets and few
 
 
 def count_chains(limits: SearchLimits, *, alike: bool) -> int:

@@ -109,3 +109,12 @@ def color_units(scorer: TableScorer, phi: Array) -> Array:
     units = units * scorer.palette.matrix[:, None, None, :]
     dark = int(scorer.limits.may_be_off)
     return np.pad(units, [(0, 0), (0, dark), (0, 0), (0, 0), (0, 0)])
+
+
+def summed_by_group(units: Array, groups: Colors) -> Array:
+    """Return the units of whole groups, ``(G, n, B * S, K, C)``; ``groups`` has 0..G-1."""
+    if np.array_equal(groups, np.arange(len(units))):
+        return units
+    sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
+    np.add.at(sums, groups, units)
+    return sums

@@ -72,10 +72,7 @@ class Quota:
         member = np.arange(fibers) if groups is None else groups
         count = int(member.max()) + 1
         allowed = np.stack([limits.allowed[member == unit].all(axis=0) for unit in range(count)])
-        weights = np.stack(
-            [limits.rules.weights[:, member == unit].sum(axis=1) for unit in range(count)], axis=1
-        )
-        return cls(allowed, LinearRules(weights, limits.rules.most))
+        return cls(allowed, limits.rules.of_groups(member))
 
     @property
     def choices(self) -> int:

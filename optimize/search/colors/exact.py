@@ -19,6 +19,7 @@ from optimize.search.colors.colorings import (
     color_units,
     raise_unreachable,
     ranked,
+    summed_by_group,
 )
 from optimize.search.colors.enumeration import Enumeration, Quota
 from render.errors import TactiluxError
@@ -46,12 +47,13 @@ def exact_colors(
         TactiluxError: more than any machine could search.
     """
     start = time.perf_counter()
-    units = color_units(scorer, phi)
+    groups = scorer.limits.groups
+    units = summed_by_group(color_units(scorer, phi), groups)
     search = _chains(scorer, units) if is_chained(scorer.limits) else _enumeration(scorer, units)
     best = search.best(KEEP, progress)
     if not len(best.scores):
         raise_unreachable()
-    found = scorer.limits.colors_of(best.choices)
+    found = scorer.limits.colors_of(best.choices)[:, groups]
     checked = scorer.scores(found, phi)
     rounding = 2.0 * float(np.abs(checked - best.scores).max())
     full = len(best.scores) == KEEP
@@ -76,12 +78,18 @@ def exact_colors(
 
 def _enumeration(scorer: TableScorer, units: Array) -> Enumeration:
     """Return the search of all colorings, or of all that are within limits of single lamps."""
+    if scorer.limits.runs_limited:
+        raise TactiluxError(
+            "an exact search of few runs takes lamps of one shot that exclude no others, without a "
+            "budget; use the method quick",
+            field="search.runs",
+        )
     choices, most = units.shape[1], 1
     while choices > 1 and choices ** (most + 1) <= MAX_COLORINGS:
         most += 1
-    if choices > 1 and scorer.fibers > most:
+    if choices > 1 and len(units) > most:
         raise TactiluxError(
-            f"an exact search over {scorer.fibers} fibers of {choices} choices each would never "
+            f"an exact search over {len(units)} fibers of {choices} choices each would never "
             f"end, allowed: at most {most}; use the method quick",
             field="fibers",
         )
@@ -91,7 +99,7 @@ def _enumeration(scorer: TableScorer, units: Array) -> Enumeration:
         scorer.table.lam,
         scorer.config,
         symmetric=scorer.colors_alike and not scorer.limits.may_be_off,
-        quota=Quota.of(scorer.limits),
+        quota=Quota.of(scorer.limits, scorer.limits.groups),
     )
 
 

@@ -19,6 +19,7 @@ from optimize.search.colors.colorings import (
     canonical,
     color_units,
     raise_unreachable,
+    summed_by_group,
 )
 from optimize.search.colors.enumeration import Enumeration, Quota
 
@@ -75,7 +76,7 @@ def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
     for phase in (0, 1):
         groups = neighbor_groups(scorer.fibers, phase, size)
         search = Enumeration(
-            _summed_by_group(units, groups),
+            summed_by_group(units, groups),
             scorer.bends,
             scorer.table.lam,
             scorer.config,
@@ -86,6 +87,7 @@ def grouped_colors(scorer: TableScorer, phi: Array) -> ColorResult:
         candidates.append(scorer.limits.colors_of(best.choices)[:, groups])
         evaluated += best.evaluated
     pool = np.concatenate(candidates)
+    pool = pool[scorer.limits.fits(pool)] if scorer.limits.ties is not None else pool
     if not len(pool):
         raise_unreachable()
     colors = pool[int(np.argmax(scorer.scores(pool, phi)))]
@@ -125,10 +127,3 @@ def repair_boundaries(scorer: TableScorer, phi: Array, colors: Colors) -> tuple[
         if not improves(scores[best], score):
             return colors, score, tried
         colors, score = changed[best], float(scores[best])
-
-
-def _summed_by_group(units: Array, groups: Colors) -> Array:
-    """Return the units of whole groups, ``(G, n, B * S, K, C)``; ``groups`` has 0..G-1."""
-    sums = np.zeros((int(groups.max()) + 1, *units.shape[1:]))
-    np.add.at(sums, groups, units)
-    return sums

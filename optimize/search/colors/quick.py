@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from optimize.design import Array, Colors
 from optimize.scoring import TableScorer, improves, tied
-from optimize.search.colors.colorings import ColorResult, canonical, color_units, ranked
+from optimize.search.colors.colorings import (
+    ColorResult,
+    canonical,
+    color_units,
+    ranked,
+    summed_by_group,
+)
 from render.progress import Clock, OnProgress
 
 RESTARTS = 24
@@ -68,25 +74,30 @@ def quick_colors(
 
 
 class _TwoOpt:
-    """Best-improvement search; counts are updated by differences, never summed anew."""
+    """Best-improvement search; counts are updated by differences, never summed anew.
+
+    Fibers that are tied are one.
+    """
 
     def __init__(self, scorer: TableScorer, phi: Array) -> None:
         from optimize.scoring.metric_kernel import channel_mark, kernel_constants, score_moves
 
         self.score_moves = score_moves
-        self.units = color_units(scorer, phi)
+        self.groups = scorer.limits.groups
+        self.first = np.unique(self.groups, return_index=True)[1]
+        self.units = summed_by_group(color_units(scorer, phi), self.groups)
         self.bends = scorer.bends
         self.constants = kernel_constants(scorer.config, scorer.table.lam, np.float64)
         self.mark = channel_mark(scorer.channels, np.float64)
         self.choices = self.units.shape[1]
-        self.every = np.arange((self.choices - 1) * scorer.fibers)
+        self.every = np.arange((self.choices - 1) * len(self.units))
         self.limits = scorer.limits
         self.evaluated = 0
 
     def climb(self, colors: Colors) -> tuple[Colors, float]:
         """Return the local optimum that best-improvement steps from ``colors`` reach."""
         fibers, others = len(self.units), self.choices - 1
-        chosen = colors % self.choices  # off, -1, is the last choice
+        chosen = colors[self.first] % self.choices  # off, -1, is the last choice
         score = -np.inf
         while True:
             counts = np.zeros(self.units.shape[2:])
@@ -108,7 +119,7 @@ class _TwoOpt:
             # Move 0 keeps the colors.
             score = float(scores[0])
             if not improves(scores[best], score):
-                return self.limits.colors_of(chosen), score
+                return self.limits.colors_of(chosen[self.groups]), score
             chosen = _moved(chosen, pairs[best : best + 1], self.choices)[0]
 
     def _allowed(self, chosen: Colors) -> NDArray[np.int64]:
@@ -116,16 +127,20 @@ class _TwoOpt:
         others = self.choices - 1
         if not self.limits.colors_limited:
             return _together(self.every, others, len(self.every))
-        fibers, rules = np.arange(len(chosen))[:, None], self.limits.rules
+        units = np.arange(len(chosen))[:, None]
+        allowed, rules = self.limits.of_groups
         new = (chosen[:, None] + np.arange(1, self.choices)) % self.choices
-        permitted = self.every[self.limits.allowed[fibers, new].ravel()]
+        permitted = self.every[allowed[units, new].ravel()]
         pairs = _together(permitted, others, len(self.every))
         free = rules.most - rules.used(chosen[None])[0]
         for weight, left in zip(rules.weights, free, strict=True):
-            more = weight[fibers, new] - weight[fibers, chosen[:, None]]
+            more = weight[units, new] - weight[units, chosen[:, None]]
             # The last move, which does nothing, weighs nothing.
             weighs = np.append(more.ravel(), 0)
             pairs = pairs[weighs[pairs[:, 0]] + weighs[pairs[:, 1]] <= left]
+        if self.limits.runs is not None:
+            moved = self.limits.colors_of(_moved(chosen, pairs, self.choices)[:, self.groups])
+            pairs = pairs[self.limits.runs.fit(moved)]
         return np.ascontiguousarray(pairs)
 
 

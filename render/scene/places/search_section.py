@@ -7,62 +7,200 @@ does, so it has no part in the scene's hash.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
+from render.arrays import Array
 from render.scene.constraints import Constraints
-from render.scene.lamps import Edge
-from render.scene.quantities import Count, Part, Quantity
+from render.scene.lamps import Edge, Vector
+from render.scene.places.polygon import border_distance, inside, polygon_problems
+from render.scene.quantities import Count, Part, PointList, Quantity
 
 Places = Annotated[tuple[float, ...], Quantity("mm", -1000.0, 1000.0, many=True)]
+Heights = Annotated[tuple[float, ...], Quantity("mm", -100.0, 100.0, many=True)]
+Corners = Annotated[tuple[tuple[float, ...], ...], PointList("mm", -1000.0, 1000.0)]
 Distance = Annotated[float, Quantity("mm", 0.05, 100.0)]
+KINDS = {"edge": "edge", "radius": "ring", "corners": "board", "positions": "list"}
+"""The key that says what a rail is, and how it is called."""
+NEEDED = {
+    "edge": frozenset({"edge"}),
+    "ring": frozenset({"radius", "heights"}),
+    "board": frozenset({"corners", "heights"}),
+    "list": frozenset({"positions", "directions"}),
+}
+OPTIONAL = {
+    "edge": frozenset({"between", "at", "pitch", "heights", "gap", "tilt"})
+    | {"height_range", "tilt_range"},
+    "ring": frozenset({"center", "angles", "pitch", "tilt", "direction"})
+    | {"height_range", "tilt_range"},
+    "board": frozenset({"pitch", "direction", "height_range"}),
+    "list": frozenset[str](),
+}
+"""Keys of each kind, beside ``like``, which all have."""
 
 
 class Rail(Part):
-    """Places along one ``edge`` on which lamps may sit.
+    """Places on which lamps may sit: along an edge or a ring, on a board, or in a list.
 
-    They lie ``between`` two places (mm from the edge's middle, towards the tip or the right), a
-    ``pitch`` apart; or ``at`` given ones. Without these they fill the whole edge, two diameters
-    apart. Lamps are like one of the scene's: ``like`` is its number, or else it is the one nearest
-    to the edge's middle. ``heights`` (mm, of centers over the lower face), ``gap`` and ``tilt`` are
-    as rows have them, or else those of that lamp, and the heights of all on its edge.
+    Along one ``edge`` they lie ``between`` two places (mm from the edge's middle, towards the tip
+    or the right), a ``pitch`` apart; or ``at`` given ones. Without these they fill the whole edge,
+    two diameters apart. ``gap`` and ``tilt`` are as rows have them.
+
+    A ring has a ``center`` (x and y) and a ``radius``; places go from one of two ``angles`` to the
+    other (deg from x towards y), or all around, and lamps shine to its middle.
+    A board is a polygon of ``corners`` (x and y) that holds bodies wholly; lamps shine up.
+    Lamps of both shine along a ``direction`` where one is given.
+    A list has ``positions`` and as many ``directions``.
+
+    Lamps are like one of the scene's: ``like`` is its number, or else it is the nearest. Values
+    that an edge leaves out are those of that lamp, and ``heights`` (mm, of centers over the lower
+    face) those of all on its edge. Within ``height_range`` and ``tilt_range`` both are free.
     """
 
-    edge: Edge
+    edge: Edge | None = None
     between: Places | None = None
     at: Places | None = None
+    center: Places | None = None
+    radius: Distance | None = None
+    angles: Annotated[tuple[float, ...], Quantity("deg", -360.0, 360.0, many=True)] | None = None
+    corners: Corners | None = None
+    positions: Annotated[
+        tuple[tuple[float, ...], ...], PointList("mm", -1000.0, 1000.0, size=3)
+    ] | None = None  # fmt: skip
+    directions: Annotated[
+        tuple[tuple[float, ...], ...], PointList("", -1000.0, 1000.0, size=3)
+    ] | None = None  # fmt: skip
     pitch: Distance | None = None
-    heights: Annotated[tuple[float, ...], Quantity("mm", -100.0, 100.0, many=True)] | None = None
+    heights: Heights | None = None
+    height_range: Heights | None = None
     gap: Annotated[float, Quantity("mm", -100.0, 100.0)] | None = None
     tilt: Annotated[float, Quantity("deg", -89.0, 89.0)] | None = None
+    tilt_range: Annotated[
+        tuple[float, ...], Quantity("deg", -89.0, 89.0, many=True)
+    ] | None = None  # fmt: skip
+    direction: Vector | None = None
     like: Annotated[int, Count(0, 1023)] | None = None
+
+    @property
+    def kind(self) -> str:
+        """What it is: ``edge``, ``ring``, ``board`` or ``list``."""
+        return next(kind for key, kind in KINDS.items() if getattr(self, key) is not None)
+
+    @property
+    def words(self) -> str:
+        """Where its places are, for people."""
+        kind = self.kind
+        if kind == "ring":
+            x, y = self.center or (0.0, 0.0)
+            return f"a ring of {self.radius:g} mm about ({x:g}, {y:g}) mm"
+        return {"edge": f"the {self.edge} edge", "board": "a board", "list": "a list"}[kind]
 
     def problems(self, key: str, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the rail by itself; the scene has so many ``lamps``."""
+        named = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        kinds = [name for name in KINDS if name in named]
+        if len(kinds) != 1:
+            said = f"names {' and '.join(kinds)}" if kinds else "says not where lamps may sit"
+            yield f"{key} {said}, allowed: one of {', '.join(KINDS)}"
+            return
+        kind = self.kind
+        for name in sorted(NEEDED[kind] - named):
+            yield f"missing key {key}.{name}"
+        for name in sorted(named - NEEDED[kind] - OPTIONAL[kind] - {"like"}):
+            allowed = ", ".join(sorted(NEEDED[kind] | OPTIONAL[kind]))
+            yield f"{key}.{name}: {'an' if kind == 'edge' else 'a'} {kind} has none, " \
+                  f"allowed: {allowed}"  # fmt: skip
         if self.at is not None and (self.between is not None or self.pitch is not None):
             yield f"{key}: at names the places already, allowed: without between and pitch"
-        if self.between is not None and not _ascending(self.between):
-            yield f"{key}.between = {_shown(self.between)} mm, allowed: two places, ascending"
+        for name, unit in (("between", "mm"), ("angles", "deg"), ("height_range", "mm"),
+                           ("tilt_range", "deg")):  # fmt: skip
+            ends = getattr(self, name)
+            if ends is not None and not _ascending(ends):
+                shown = _shown(np.degrees(ends) if unit == "deg" else ends)
+                what = "places" if name == "between" else "ends"
+                yield f"{key}.{name} = {shown} {unit}, allowed: two {what}, ascending"
+        if self.angles is not None and self.angles[-1] - self.angles[0] > 2 * np.pi + 1e-9:
+            yield f"{key}.angles go around more than once, allowed: at most 360 deg"
+        if self.center is not None and len(self.center) != 2:
+            yield f"{key}.center has {len(self.center)} numbers, allowed: x and y"
+        if self.corners is not None:
+            yield from polygon_problems(np.array(self.corners), f"{key}.corners")
+        yield from self._direction_problems(key)
         if self.like is not None and self.like >= lamps:
             yield f"{key}.like = {self.like}, allowed: the number of a lamp, 0 to {lamps - 1}"
 
+    def _direction_problems(self, key: str) -> Iterator[str]:
+        if self.direction is not None:
+            if len(self.direction) != 3 or not any(self.direction):
+                yield f"{key}.direction = {_shown(self.direction)}, allowed: x, y and z, not all 0"
+            for name in ("tilt", "tilt_range"):
+                if getattr(self, name) is not None:
+                    yield f"{key}: {name} and direction, allowed: one of the two"
+        places, ways = len(self.positions or ()), len(self.directions or ())
+        if self.positions is not None and self.directions is not None and places != ways:
+            yield f"{key}: {places} positions and {ways} directions, allowed: as many of both"
+        for number, way in enumerate(self.directions or ()):
+            if not any(way):
+                yield f"{key}.directions.{number} = 0, 0, 0 points nowhere, allowed: any other"
+
 
 class KeepOut(Part):
-    """Where no lamp may be placed: ``between`` two places of an ``edge``, mm from its middle."""
+    """Where no lamp may be placed: a part of an edge, or what a circle or a polygon covers.
 
-    edge: Edge
-    between: Places
+    ``between`` are two places of an ``edge``, mm from its middle. Circles (``center``, ``radius``)
+    and polygons of ``corners`` are seen along z.
+    """
+
+    edge: Edge | None = None
+    between: Places | None = None
+    center: Places | None = None
+    radius: Distance | None = None
+    corners: Corners | None = None
 
     def problems(self, key: str) -> Iterator[str]:
         """Yield what is wrong with it."""
-        if not _ascending(self.between):
+        named = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        if named not in ({"edge", "between"}, {"center", "radius"}, {"corners"}):
+            said = f"names {' and '.join(sorted(named))}" if named else "names nothing"
+            yield f"{key} {said}, allowed: edge and between, center and radius, or corners"
+            return
+        if self.between is not None and not _ascending(self.between):
             yield f"{key}.between = {_shown(self.between)} mm, allowed: two places, ascending"
+        if self.center is not None and len(self.center) != 2:
+            yield f"{key}.center has {len(self.center)} numbers, allowed: x and y"
+        if self.corners is not None:
+            yield from polygon_problems(np.array(self.corners), f"{key}.corners")
 
-    def holds(self, place: float, radius: float) -> bool:
-        """Return whether a body of ``radius`` mm at a ``place`` of the edge reaches into it."""
-        low, high = self.between
-        return low - radius < place < high + radius
+    @property
+    def words(self) -> str:
+        """Where it is, for people."""
+        if self.between is not None:
+            low, high = self.between
+            return f"between {low:g} and {high:g} mm of the {self.edge} edge"
+        if self.center is not None:
+            x, y = self.center
+            return f"within {self.radius:g} mm of ({x:g}, {y:g}) mm"
+        return f"on a polygon of {len(self.corners or ())} corners"
+
+    def holds(self, position: Array, radius: float, edge: Edge | None) -> bool:
+        """Return whether a body of ``radius`` mm at a ``position`` reaches into it.
+
+        ``edge`` is that along which it sits, if there is one.
+        """
+        if self.between is not None:
+            if edge != self.edge:
+                return False
+            low, high = self.between
+            return bool(low - radius < position[int(edge in ("left", "right"))] < high + radius)
+        if self.center is not None:
+            assert self.radius is not None
+            return bool(np.hypot(*(position[:2] - self.center)) < self.radius + radius)
+        corners = np.array(self.corners)
+        return bool(
+            inside(position[:2], corners) or border_distance(position[:2], corners) < radius
+        )
 
 
 class Search(Part):
@@ -71,14 +209,17 @@ class Search(Part):
     ``lamps`` is how many may be lit at once, the others stay off; ``runs`` how many runs of one
     color there may be around the rim: lit lamps that follow each other, with or without some that
     are off between them. ``places`` are rails on which lamps may sit, ``apart`` (mm) the least
-    distance of their centers, or else one diameter; ``keep_out`` are parts of edges where none may
-    be placed. ``parts`` are LEDs of the library or of ``[[parts]]``, one of which every lamp is.
-    All lit lamps together draw ``current`` (mA) at most, and cost ``price`` (US dollars) at most.
+    distance of their centers, or else one diameter; ``keep_out`` are parts of edges and boards
+    where none may be placed. ``mirror`` is the axis along which lamps are mirrored at 0: a lamp and
+    its image have one color, or both are off. ``parts`` are LEDs of the library or of
+    ``[[parts]]``, one of which every lamp is. All lit lamps together draw ``current`` (mA) at most,
+    and cost ``price`` (US dollars) at most.
     """
 
     lamps: Annotated[int, Count(1, 1024)] | None = None
     runs: Annotated[int, Count(1, 1024)] | None = None
     apart: Distance | None = None
+    mirror: Literal["x", "y"] | None = None
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
     places: Annotated[tuple[Rail, ...], Field(strict=False)] = ()
     parts: Annotated[tuple[str, ...], Field(strict=False)] = ()
@@ -87,10 +228,13 @@ class Search(Part):
 
     def problems(self, constraints: Constraints | None, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the section by itself, for a scene of so many ``lamps``."""
-        if not self.model_fields_set:
+        if not any(getattr(self, name) for name in type(self).model_fields):
             yield f"search names nothing, allowed: {', '.join(type(self).model_fields)}"
         if self.price is not None and not self.parts:
             yield "search.price without search.parts, allowed: parts, whose prices are known"
+        for name in ("runs", "parts"):
+            if self.mirror is not None and getattr(self, name):
+                yield f"search.{name} with search.mirror, allowed: one of them; leave one out"
         for number, rail in enumerate(self.places):
             yield from rail.problems(f"search.places.{number}", lamps)
         for number, part in enumerate(self.keep_out):
@@ -115,16 +259,18 @@ class Search(Part):
             yield f"at most {self.price:g} US dollars together"
         if self.runs is not None:
             yield f"at most {self.runs} run{'s' * (self.runs != 1)} of one color"
+        if self.mirror is not None:
+            yield f"lamps in pairs mirrored at {self.mirror} = 0"
         for rail in self.places:
-            yield f"lamps may sit along the {rail.edge} edge"
+            where = {"edge": "along", "ring": "on", "board": "on", "list": "on"}[rail.kind]
+            yield f"lamps may sit {where} {rail.words}"
         for part in self.keep_out:
-            low, high = part.between
-            yield f"none between {low:g} and {high:g} mm of the {part.edge} edge"
+            yield f"none {part.words}"
 
 
 def _ascending(places: tuple[float, ...]) -> bool:
     return len(places) == 2 and places[0] < places[1]
 
 
-def _shown(places: tuple[float, ...]) -> str:
+def _shown(places: tuple[float, ...] | Array) -> str:
     return ", ".join(f"{place:g}" for place in places)

@@ -22,6 +22,7 @@ from optimize.ui.output import fresh_directory, write_manifest
 from render.levels import EFFORTS
 from render.preview.converged import Effort, cache
 from render.scene import StandaloneScene, load_scene
+from render.scene import scene_text as shipped_text
 from surrogate.runtime import Checker
 from tests.oracles.random_scenes import random_content, scene_text
 
@@ -131,7 +132,7 @@ def test_pictures_designs_and_report_lie_in_the_result_directory(explored: Explo
                 for stage in ("baseline", "score", "optimized")}  # fmt: skip
     pictures |= {f"preview-{end}-{b}.png" for end in ("baseline", "optimized") for b in (0, 1)}
     texts = {"design.json", "baseline.json", "report.html", "result.json", "scene.toml"}
-    texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html"}
+    texts |= {"mounted.json", "wiring.csv", "jig.stl", "play.html", "board.dxf", "board.svg"}
     assert names == pictures | texts | {"convergence.png"}
 
 
@@ -161,7 +162,8 @@ def test_the_wiring_of_a_design_can_be_made_for_another_board_and_step(
     assert result["score"] == pytest.approx(explored.result["optimized"]["score"], rel=0.1)
     sheet = Path("sheet")
     assert {item.name for item in sheet.iterdir()} == {
-        "jig.stl", "mounted.json", "result.json", "wiring.csv", "wiring.html",
+        "board.dxf", "board.svg", "jig.stl", "mounted.json", "result.json", "wiring.csv",
+        "wiring.html",
     }  # fmt: skip
     mounted = load_design_file(sheet / "mounted.json")
     assert {angle % 15 for angle in np.round(mounted.angles_deg, 6)} == {0.0}
@@ -333,3 +335,21 @@ def test_a_scene_from_a_pipe_is_kept_as_it_was_read(
     os.close(pipe)
     assert (tmp_path / "run" / "scene.toml").read_text() == text
     assert answers["last"] == angles_in(tmp_path)["run"]
+
+
+def test_places_are_refined_and_kept_with_the_design(tactilux: Run, tmp_path: Path) -> None:
+    text = shipped_text("digit").replace("rows = 4\n", "rows = 2\n")
+    pitch = '{ value = 5.0, unit = "mm", source = "test" }'
+    rails = [f'[[search.places]]\nedge = "{edge}"\npitch = {pitch}\n' for edge in ("left", "right")]
+    (tmp_path / "mine.toml").write_text("\n".join([text, *rails]))
+    done = tactilux("explore", "mine.toml", "--coarse", "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    said = re.search(r"Places refined by up to (\S+) mm: sensor reader (\S+)° to (\S+)°", done.err)
+    assert said is not None
+    assert float(said[3]) < float(said[2])
+    assert result["optimized"]["reader_error_deg"] < float(said[2]) * 1.02
+    kept = load_scene(tmp_path / "runs" / "digit-explore" / "scene.toml")
+    along = {round(float(lamp.position[1]) % 2.5, 3) for lamp in kept.placed_lamps()[3:]}
+    assert along - {0.0}  # not on the grid
+    assert load_design(tmp_path / result["design"], kept).colors.size == kept.lamp_count

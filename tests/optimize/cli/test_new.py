@@ -20,9 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hw.calibration.material import material_space
-from optimize.design import baseline_design
+from optimize.design import baseline_design, limits_of
 from optimize.exploration import explore
 from optimize.mounting import drilling_jig, stl_bytes
+from optimize.placement import searched_scene
 from optimize.scoring import open_model
 from render.choose_exposure import scene_scale
 from render.describe import describe, skin_tested, stale_sources
@@ -215,6 +216,26 @@ def test_a_bad_value_is_one_sentence_and_leaves_no_file(
     assert not list(Path().iterdir())
 
 
+def test_lamps_that_are_placed_have_rails_along_the_edges_with_lamps(tactilux: Run) -> None:
+    flags = ("--place-lamps", 6, "--lamp", "led", "--tip", 0, "--diffuser", 0, "--left", 4)
+    assert tactilux("new", "mine", *flags, "--length", 20).code == 0
+    scene = load_scene("mine.toml")
+    assert scene.search is not None
+    assert scene.search.lamps == 6
+    assert [rail.edge for rail in scene.search.places] == ["left", "right"]
+    searched = searched_scene(scene)
+    # Two rails of 1 mm LEDs at 2 mm, less what the lamps there take.
+    assert scene.lamp_count < searched.lamp_count <= scene.lamp_count + 2 * 10
+    assert limits_of(searched).most_lit == 6
+    assert "at most 6 lamps lit" in tactilux("describe", "mine.toml").out
+
+
+def test_the_largest_pad_has_no_more_places_than_are_searched() -> None:
+    numbers = {"width": 100.0, "length": 100.0, "base": 9.0, "place_lamps": 4.0}
+    scene = scene_from_text(scene_file(Answers("mine", numbers)), "mine", Path())
+    assert 100 < searched_scene(scene).lamp_count < 256
+
+
 @pytest.mark.parametrize(("name", "said"), [("finger20", "comes with tactilux"), ("My x", "small")])
 def test_a_name_that_cannot_be_is_refused(tactilux: Run, name: str, said: str) -> None:
     refused = tactilux("new", name)
@@ -294,7 +315,7 @@ def at_terminal(folder: Path, *typed: str, stop: int = 0) -> tuple[int, str]:
 
 
 def test_a_terminal_is_asked_and_bad_answers_again(tmp_path: Path) -> None:
-    typed = ("led", "sepia", "", "", "3", "25", "", "none", "0", "", "0", "2.5", "2", *[""] * 4)
+    typed = ("led", "sepia", "", "", "3", "25", "", "none", "0", "", "0", "2.5", "2", *[""] * 5)
     code, shown = at_terminal(tmp_path, *typed)
     assert code == 0, shown
     assert "sepia, allowed: color, gray" in shown

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from optimize.design import load_design_file
+from render.scene import scene_text
 
 Run = Callable[..., Any]
 
@@ -34,7 +35,7 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     assert {item.name for item in tmp_path.iterdir()} == {"run", "run-renders"}
     assert {item.name for item in (tmp_path / "run").iterdir()} == {
         "baseline.json", "design.json", "runner-up.json", "result.json", "report.html",
-        "wiring.csv", "mounted.json", "jig.stl", "scene.toml",
+        "wiring.csv", "mounted.json", "jig.stl", "scene.toml", "board.dxf", "board.svg",
     }  # fmt: skip
     page = (tmp_path / "run" / "report.html").read_text()
     assert result["report"] == "run/report.html"
@@ -49,3 +50,12 @@ def test_the_loop_renders_and_goes_on_from_the_kept_renders(
     assert again.code == 0, again.err
     assert f"{saved.rating.score:.2f}" in again.out
     assert "The loop stopped because" in again.out
+
+
+def test_places_of_the_file_are_what_is_searched(tactilux: Run, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(scene_text("digit") + '\n[[search.places]]\nedge = "left"\n')
+    # The thesis's procedure knows no constraints, which the scene with places has.
+    refused = tactilux("optimize", path, "--method", "thesis")
+    assert refused.code == 2
+    assert "scene digit-places has constraints" in refused.err

@@ -101,3 +101,13 @@ def few_places() -> np.ndarray:
     colors = np.full(34, -1)
     colors[[22, 25, 32]] = 0, 1, 2
     return colors
+
+
+def test_a_design_that_is_known_is_gone_on_from() -> None:
+    scene = load_scene("gelsight-mini")
+    checker = trained_model(scene)
+    assert checker is not None
+    known = explore(scene, checker, seed=1).design
+    again = explore(scene, checker, seed=2, starts=[known])
+    rated = rate(checker, scene, "known", "Known", "", known)
+    assert again.stages[-1].reader_error <= rated.reader_error * 1.01

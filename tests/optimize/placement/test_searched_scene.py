@@ -142,3 +142,55 @@ def test_shots_are_searched_beside_places() -> None:
     assert not limits_of(placed).fits(both[None])[0]
     with pytest.raises(SceneError, match=r"camera.shots = 5: allowed: 1 to 4"):
         searched_scene(scene, shots=5)
+
+
+def mirrored_digit(folder: Path, *lines: str) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(scene_text("digit") + '[search]\nmirror = "x"\n' + "\n".join(lines) + "\n")
+    return path
+
+
+def test_mirrored_lamps_are_lit_together_and_alike(tmp_path: Path) -> None:
+    path = mirrored_digit(tmp_path, "lamps = 4", '[[search.places]]\nedge = "left"')
+    scene = searched_scene(load_scene(path))
+    limits, lamps = limits_of(scene), scene.placed_lamps()
+    position = np.array([lamp.position for lamp in lamps])
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        colors = limits.nearest_colors(rng.uniform(size=limits.allowed.shape))
+        assert 0 < (colors >= 0).sum() <= 4
+        for place, color in zip(position, colors, strict=True):
+            image = np.linalg.norm(position - place * [-1, 1, 1], axis=1).argmin()
+            assert np.allclose(position[image], place * [-1, 1, 1], atol=1e-9)
+            assert colors[image] == color
+    assert (limits.led_counts == len(lamps)).all()
+
+
+def test_a_lamp_without_an_image_stays_off(tmp_path: Path) -> None:
+    path = mirrored_digit(tmp_path)
+    path.write_text(path.read_text().replace("[7.4, -13.2", "[6.4, -13.2"))
+    limits = limits_of(load_scene(path))
+    assert limits.may_be_off
+    # The row at the tip is its own image; the listed ones have none.
+    assert limits.allowed[:, -1].tolist() == [False, True, True]
+    assert limits.allowed[1:, :-1].any() == np.False_
+
+
+def test_lamps_on_a_board_shine_up_and_do_not_turn(tmp_path: Path) -> None:
+    board = (
+        "[[search.places]]\ncorners = { value = [[-8.0, -8.0], [8.0, -8.0], [8.0, 8.0], "
+        '[-8.0, 8.0]], unit = "mm", source = "test" }\nheights = { value = [-3.0], unit = "mm", '
+        'source = "test" }\nlike = 0\npitch = { value = 4.0, unit = "mm", source = "test" }\n'
+        "[[search.keep_out]]\n"
+        'center = { value = [0.0, 0.0], unit = "mm", source = "test" }\n'
+        'radius = { value = 3.0, unit = "mm", source = "the lens" }\n'
+    )
+    path = tmp_path / "mine.toml"
+    path.write_text(scene_text("finger20").replace("schema = 1", "schema = 2") + board)
+    scene = load_scene(path)
+    assert all(scene.turning)
+    searched = searched_scene(scene)
+    assert searched.lamp_count == 20 + 16 - 4
+    assert not any(searched.turning[20:])
+    beams = [lamp.beam for lamp in searched.placed_lamps()[20:]]
+    assert np.allclose(beams, [0.0, 0.0, 1.0], atol=1e-12)

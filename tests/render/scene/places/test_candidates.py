@@ -19,13 +19,13 @@ def rail(edge: str, **keys: object) -> Rail:
 def test_a_rail_fills_its_edge_from_end_to_end() -> None:
     digit = load_scene("digit")
     found = candidates_on(digit, [rail("left")])
-    along = [one.along for one in found]
+    along = [one.place.along[0] for one in found]
     # 25 mm less a lamp of 1.3 mm, two diameters apart, in the middle.
     assert np.diff(along) == pytest.approx(2.6)
     assert len(along) == math.floor((25.0 - 1.3) / 2.6) + 1
     assert sum(along) == pytest.approx(0.0)
     for one in found:
-        assert one.position.tolist() == pytest.approx([-9.15 - 0.7, one.along, 3.075])
+        assert one.position.tolist() == pytest.approx([-9.15 - 0.7, one.place.along[0], 3.075])
         assert one.direction.tolist() == [1.0, 0.0, 0.0]
 
 
@@ -35,7 +35,7 @@ def test_a_rail_says_where_how_high_how_far_and_how_tilted() -> None:
     found = candidates_on(
         digit, [rail("right", at=(-3.0, 4.0), heights=(1.0, 3.0), gap=2.0, tilt=tilt, like=1)]
     )
-    assert [(one.along, one.position[2]) for one in found] == [
+    assert [(one.place.along[0], one.position[2]) for one in found] == [
         (-3.0, 1.0), (4.0, 1.0), (-3.0, 3.0), (4.0, 3.0),
     ]  # fmt: skip
     assert {one.position[0] for one in found} == {9.15 + 2.0}
@@ -72,14 +72,14 @@ def searching(scene: Scene, **keys: object) -> Scene:
 def test_none_lies_where_something_else_is() -> None:
     part = KeepOut.model_construct(edge="left", between=(-2.0, 5.0))
     scene = searching(load_scene("digit"), keep_out=(part,))
-    along = [one.along for one in candidates_on(scene, [rail("left")])]
+    along = [one.place.along[0] for one in candidates_on(scene, [rail("left")])]
     assert along
     assert all(place <= -2.0 - 0.65 or place >= 5.0 + 0.65 for place in along)
 
 
 def test_bodies_may_be_told_to_keep_farther_apart() -> None:
     scene = searching(load_scene("digit"), apart=5.0)
-    along = [one.along for one in candidates_on(scene, [rail("left")])]
+    along = [one.place.along[0] for one in candidates_on(scene, [rail("left")])]
     assert np.diff(along).min() >= 5.0
 
 

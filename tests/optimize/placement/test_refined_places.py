@@ -1,0 +1,133 @@
+"""Refined places end where symmetry and a fine scan have them, and within their rails."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from optimize.design import Array, Design, limits_of
+from optimize.placement import candidates_of, refined_places, searched_scene
+from optimize.scoring import TableScorer, scene_model, search_table
+from render.scene import Scene, load_scene, scene_text
+from render.scene.places import Place, rail_places
+
+
+def quantity(value: object, unit: str = "mm") -> str:
+    return f'{{ value = {value}, unit = "{unit}", source = "test" }}'
+
+
+BASE = f'[[search.places]]\nedge = "base"\npitch = {quantity(4.0)}\n'
+
+
+def digit_with(folder: Path, *lines: str) -> Scene:
+    path = folder / "mine.toml"
+    path.write_text(scene_text("digit") + "\n[search]\n" + "\n".join(lines) + "\n")
+    return load_scene(path).with_(sites_columns=2, sites_rows=2)
+
+
+def lit(scene: Scene, places: dict[int, int]) -> Design:
+    """Return the design that lights candidates, by number, in colors."""
+    colors = np.full(scene.lamp_count + len(candidates_of(scene)), -1)
+    for place, color in places.items():
+        colors[scene.lamp_count + place] = color
+    return Design.of_colors(np.full(len(colors), math.pi / 2), colors)
+
+
+def along_base(scene: Scene) -> Array:
+    return np.array([one.position[0] for one in candidates_of(scene)])
+
+
+def test_one_lamp_goes_to_the_middle_of_a_symmetric_pad(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 1", BASE, f"between = {quantity([-5.3, 6.0])}")
+    middle = int(np.abs(along_base(scene)).argmin())
+    assert along_base(scene)[middle] == pytest.approx(0.35)
+    design = lit(scene, {middle: 1})
+    found = refined_places(scene, searched_scene(scene), design, "score")
+    assert found is not None
+    (number,) = np.flatnonzero(found.design.colors >= 0)
+    place = found.scene.placed_lamps()[number].position
+    assert abs(place[0]) < 0.1
+    assert place[1:].tolist() == [-13.2, 3.075]
+    assert found.after > found.before
+    assert max(found.moved) == pytest.approx(abs(0.35 - place[0]), abs=1e-3)
+
+
+@pytest.mark.slow
+def test_two_colors_end_mirrored_where_a_scan_has_them(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 2", BASE, f"between = {quantity([-6.0, 6.0])}")
+    assert along_base(scene).tolist() == [-6.0, -2.0, 2.0, 6.0]
+    design = lit(scene, {0: 0, 3: 1})
+    found = refined_places(scene, searched_scene(scene), design, "score")
+    assert found is not None
+    numbers = np.flatnonzero(found.design.colors >= 0)
+    left, right = (found.scene.placed_lamps()[i].position[0] for i in numbers)
+    # The preview's texels are not mirrored.
+    assert left == pytest.approx(-right, abs=0.2)
+    across = np.arange(2.0, 6.01, 0.5)
+    assert scene.search is not None
+    rail, count = rail_places(scene, scene.search.places[0]), len(across)
+    scanned = [rail.candidate(Place((float(x),), 3.075, 0.0)) for x in [*-across, *across]]
+    drawn = searched_scene(scene, lamps=2, candidates=scanned)
+    scorer = TableScorer(search_table(scene_model(drawn, coarse=True)), limits=limits_of(drawn))
+    phi = np.full(drawn.lamp_count, math.pi / 2)
+    colors = np.full((count, count, drawn.lamp_count), -1)
+    for i, j in np.ndindex(count, count):
+        colors[i, j, 3 + i], colors[i, j, 3 + count + j] = 0, 1
+    values = scorer.scores(colors.reshape(count**2, -1), phi)
+    best = np.unravel_index(values.argmax(), (count, count))
+    assert 2.0 < across[best[0]] < 6.0
+    assert (left, right) == pytest.approx((-across[best[0]], across[best[1]]), abs=0.5)
+    assert found.after > values.max() * 0.995
+    assert found.after > found.before
+
+
+def test_what_rounds_have_in_common_is_drawn_alike(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 2", BASE)
+    light = []
+    for count in (2, 3):
+        drawn = searched_scene(scene, candidates=candidates_of(scene)[:count])
+        table = search_table(scene_model(drawn, coarse=True))
+        light.append(TableScorer(table).light(np.full(drawn.lamp_count, math.pi / 2))[:5])
+    # But for the exposure, which is that of all lamps.
+    assert np.allclose(light[0] / light[0].sum(), light[1] / light[1].sum(), rtol=1e-5)
+
+
+def test_heights_and_tilts_move_where_the_rail_leaves_them_free(tmp_path: Path) -> None:
+    free = (
+        f"height_range = {quantity([1.0, 5.0])}",
+        f"tilt_range = {quantity([-20.0, 40.0], 'deg')}",
+        f"at = {quantity([0.0])}",
+    )
+    scene = digit_with(tmp_path, "lamps = 1", '[[search.places]]\nedge = "base"', *free)
+    found = refined_places(scene, searched_scene(scene), lit(scene, {0: 1}), "score")
+    assert found is not None
+    (number,) = np.flatnonzero(found.design.colors >= 0)
+    lamp = found.scene.placed_lamps()[number]
+    assert lamp.position[0] == 0.0
+    assert 1.0 <= lamp.position[2] <= 5.0
+    assert -20.0 <= math.degrees(lamp.tilt) <= 40.0
+    assert (lamp.position[2], lamp.tilt) != (3.075, 0.0)
+
+
+def test_a_pair_stays_mirrored(tmp_path: Path) -> None:
+    rail = '[[search.places]]\nedge = "left"\n' + f"pitch = {quantity(6.0)}\n"
+    scene = digit_with(tmp_path, "lamps = 2", 'mirror = "x"', rail)
+    menu = candidates_of(scene)
+    assert [one.image for one in menu[:2]] == [False, True]
+    found = refined_places(scene, searched_scene(scene), lit(scene, {0: 1, 1: 1}), "score")
+    assert found is not None
+    one, other = (found.scene.placed_lamps()[i] for i in np.flatnonzero(found.design.colors >= 0))
+    assert np.allclose(one.position * [-1, 1, 1], other.position, atol=1e-9)
+    assert one.position[1] != menu[0].position[1]
+    assert limits_of(found.scene).fits(found.design.colors[None])[0]
+
+
+def test_places_that_are_named_one_by_one_stay(tmp_path: Path) -> None:
+    rail = f'[[search.places]]\nedge = "base"\nat = {quantity([-3.0, 3.0])}\n'
+    scene = digit_with(tmp_path, "lamps = 1", rail)
+    assert refined_places(scene, searched_scene(scene), lit(scene, {0: 1}), "score") is None
+    own = Design.of_colors(np.full(5, math.pi / 2), [0, 1, 2, -1, -1])
+    assert refined_places(scene, searched_scene(scene), own, "score") is None
