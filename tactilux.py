@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from optimize.dimensions import Study
     from optimize.exploration import Exploration, Stage
     from optimize.objectives import ObjectiveName, ReaderName
+    from optimize.placement import Menu
     from optimize.readers import ErrorComparison
     from optimize.search import SearchStep
     from optimize.verification import Optimization, OptimizationMethod, Verification
@@ -408,7 +409,13 @@ def explore(
         )
 
 
-def places(scene: Scene | str | Path, lamps: int | None = None) -> Scene:
+def places(
+    scene: Scene | str | Path,
+    lamps: int | None = None,
+    *,
+    parts: Sequence[str] | None = None,
+    shots: int | None = None,
+) -> Scene:
     """Return ``scene`` with a lamp that is off on every place where one may sit.
 
     A search of it chooses where lamps sit, and `build` makes the sensor that its design is::
@@ -421,14 +428,12 @@ def places(scene: Scene | str | Path, lamps: int | None = None) -> Scene:
         scene: the sensor, its name or its file; places are those of its ``[search]``, or else
             along every edge that holds lamps of its kind.
         lamps: at most so many are lit (default: as its ``[search]`` says, or the baseline lights).
+        parts: names of LEDs, one of which every lamp is (default: as its ``[search]`` says).
+        shots: pictures that are taken one after the other (default: as its ``[camera]`` says).
     """
-    from optimize.placement import searched_scene
-    from render.arguments import as_whole
-    from render.errors import SceneError
     from render.scene import as_scene
 
-    most = None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1)
-    return searched_scene(as_scene(scene), lamps=most)
+    return _menu(True, lamps, parts, shots).on(as_scene(scene))
 
 
 def build(design: Design | str | Path, scene: Scene | str | Path, name: str) -> Scene:
@@ -458,6 +463,8 @@ def study(
     lamps_follow: bool = False,
     place: bool = False,
     lamps: int | None = None,
+    parts: Sequence[str] | None = None,
+    shots: int | None = None,
     seed: int = 0,
     checkpoint: str | Path | None = None,
     progress: OnProgress | bool | None = None,
@@ -480,6 +487,8 @@ def study(
         lamps_follow: lamps keep their height as a part of a ``pad.thickness`` that is varied.
         place: lamps may sit elsewhere on every sensor: on the places of its file, or any edge.
         lamps: at most so many are lit (default: as the scene says).
+        parts: names of LEDs, one of which every lamp is (default: as the scene says).
+        shots: pictures that are taken one after the other (default: as the scene says).
         seed: of all searches; the same seed gives the same study.
         checkpoint: a folder; interrupted, the same call goes on from there.
         progress: told of every sensor; True is a bar.
@@ -501,13 +510,10 @@ def study(
     as_one_of(objective, READERS, "objective", DesignError)
     as_kind(coarse, bool, "coarse", "True or False", SceneError)
     as_kind(lamps_follow, bool, "lamps_follow", "True or False", SceneError)
-    as_kind(place, bool, "place", "True or False", SceneError)
-    most = None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1)
     chosen = as_whole(seed, "seed", SceneError, least=0)
     folder = as_folder(checkpoint, "checkpoint", SceneError)
-    variants = Variants(
-        sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow, place=place, lamps=most
-    )
+    menu = _menu(place, lamps, parts, shots)
+    variants = Variants(sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow, menu=menu)
     with shown_progress(progress, "") as report:
         return run_study(
             variants, reader=objective, coarse=coarse, seed=chosen, folder=folder, progress=report
@@ -606,6 +612,24 @@ def _model_of(
     sensor = as_scene(scene)
     with shown_progress(progress, "Making the preview") as report:
         return sensor, as_model(model, sensor, report)
+
+
+def _menu(place: object, lamps: object, parts: object, shots: object) -> Menu:
+    """Return what may be chosen on a sensor."""
+    from optimize.placement import Menu
+    from render.arguments import as_kind, as_whole
+    from render.errors import SceneError
+
+    names, allowed = None, "a list of names"
+    if parts is not None:
+        listed = as_kind(parts, list | tuple, "parts", allowed, SceneError)
+        names = tuple(as_kind(name, str, "parts", allowed, SceneError) for name in listed)
+    return Menu(
+        bool(as_kind(place, bool, "place", "True or False", SceneError)),
+        None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1),
+        names,
+        None if shots is None else as_whole(shots, "shots", SceneError, least=1),
+    )
 
 
 def _design_of(design: Design | str | Path, scene: Scene) -> Design:

@@ -91,8 +91,9 @@ CASES: dict[str, Case] = {
     ),
     "places": Case(
         lambda h: tactilux.places,
-        lambda h: {"scene": h.scene, "lamps": None},
-        {"scene": SCENE, "lamps": {NOTHING, "a number"}},
+        lambda h: {"scene": h.scene, "lamps": None, "parts": None, "shots": None},
+        {"scene": SCENE, "lamps": {NOTHING, "a number"}, "parts": {NOTHING},
+         "shots": {NOTHING, "a number"}},
     ),
     "build": Case(
         lambda h: tactilux.build,

@@ -47,7 +47,7 @@ def run(
     ] = None,
     robust: Annotated[
         Literal["quantile", "spread"] | None,
-        Option(help="S against the scene's tolerances: lower 10 % quantile, or mean - spread."),
+        Option(help="For sensors as built: what one in ten is worse than, or mean and spread."),
     ] = None,
     shadow: Annotated[
         float | None, Option(min=0.0, help="Weight of the penalty to S for a bolt's shadows.")
@@ -65,17 +65,19 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Find a better lighting design in seconds."""
+    from optimize.placement import Menu
+
+    names = None if parts is None else tuple(name.strip() for name in parts.split(","))
+    menu = Menu(place, lamps, names, shots)
     if vary or lamps_follow:
         from optimize.dimensions.vary_command import explore_dimensions
 
         refused: dict[str, object] = {"--model": model, "--robust": robust, "--shadow": shadow}
-        refused |= {"--parts": parts, "--shots": shots}
         return explore_dimensions(
             scene_name,
             vary or [],
             lamps_follow=lamps_follow,
-            place=place,
-            lamps=lamps,
+            menu=menu,
             out=out,
             coarse=coarse,
             objective=objective,
@@ -89,7 +91,6 @@ def run(
         reads_worse,
         refined_places,
         refined_sentence,
-        searched_scene,
     )
     from optimize.report import DESIGN, write_exploration
     from optimize.robust import study_robustness
@@ -101,12 +102,9 @@ def run(
 
     began = time.monotonic()
     with reserved_stdout() as stream:
-        scene = sensor = load_scene(scene_name)
-        place = place or bool(scene.search and scene.search.places)
-        named = None if parts is None else [name.strip() for name in parts.split(",")]
-        chosen = place or named or (scene.search and scene.search.parts)
-        if chosen or lamps is not None or shots is not None:
-            scene = searched_scene(scene, place=place, lamps=lamps, parts=named, shots=shots)
+        sensor = load_scene(scene_name)
+        place = menu.places_on(sensor)
+        scene = menu.on(sensor)
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)

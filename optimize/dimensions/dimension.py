@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.placement import searched_scene
+from optimize.placement import Menu
 from render.arguments import refuse
 from render.errors import SceneError
 from render.refused_values import did_you_mean
@@ -182,18 +182,16 @@ class Variants:
         dimensions: Sequence[Dimension],
         *,
         lamps_follow: bool = False,
-        place: bool = False,
-        lamps: int | None = None,
+        menu: Menu | None = None,
     ) -> None:
         """Read every combination as a scene file is read.
 
-        With ``lamps_follow`` lamps keep their height as a part of a thickness that is varied. With
-        ``place``, or where the scene names places, lamps may sit elsewhere on each sensor; at most
-        ``lamps`` are lit, see `searched_scene`.
+        With ``lamps_follow`` lamps keep their height as a part of a thickness that is varied.
+        ``menu`` is what may be chosen on each sensor; what its file says unless given.
         """
         self.scene, self.dimensions = scene, tuple(dimensions)
-        self.lamps_follow, self.lamps = lamps_follow, lamps
-        self.place = place or bool(scene.search and scene.search.places)
+        self.lamps_follow, self.menu = lamps_follow, menu or Menu()
+        self.place = self.menu.places_on(scene)
         self._check_search()
         if lamps_follow and not any(THICKNESS in one.places for one in dimensions):
             raise SceneError(
@@ -251,9 +249,7 @@ class Variants:
 
     def searched(self, scene: Scene) -> Scene:
         """Return a sensor with the places of its lamps, as many lit as may be."""
-        if not self.place and self.lamps is None:
-            return scene
-        return searched_scene(scene, place=self.place, lamps=self.lamps)
+        return self.menu.on(scene)
 
     @property
     def one_sensor(self) -> bool:
@@ -290,12 +286,13 @@ class Variants:
     def _check_search(self) -> None:
         """Refuse numbers of a search that would change nothing."""
         for one in self.dimensions:
-            if one.key == "search.lamps" and self.lamps is not None:
+            given = {"search.lamps": "lamps", "camera.shots": "shots"}.get(one.key)
+            if given is not None and getattr(self.menu, given) is not None:
                 raise SceneError(
-                    f"search.lamps is varied and lamps = {self.lamps} as well, allowed: one of "
-                    "both",
-                    field="lamps",
-                    option="--lamps",
+                    f"{one.key} is varied and {given} = {getattr(self.menu, given)} as well, "
+                    "allowed: one of both",
+                    field=given,
+                    option=f"--{given}",
                 )
             rails = one.key.startswith(f"{SEARCH}.") and one.key not in COSTS
             if rails and not self.place:

@@ -209,9 +209,7 @@ class Study:
             for one in self.variants.dimensions
         ]
         words += ["--lamps-follow"] * self.variants.lamps_follow
-        words += ["--place"] * self.variants.place
-        words += [f"--lamps {self.variants.lamps}"] * (self.variants.lamps is not None)
-        return " ".join(words)
+        return " ".join(words + self.variants.menu.flags)
 
     @property
     def sentence(self) -> str:

@@ -7,6 +7,7 @@ is off changes no light: it hides nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import tomlkit
@@ -30,6 +31,42 @@ PLACES, SHOTS = "-places", "-shots"
 LONGEST_NAME = 64
 MOST_PART_LAMPS = 512
 """Own lamps and those of parts together; a table of so many takes some gigabytes."""
+
+
+@dataclass(frozen=True)
+class Menu:
+    """What may be chosen on a sensor beside colors and directions.
+
+    Arguments:
+        place: lamps may sit elsewhere, as on a scene that names places.
+        lamps, parts, shots: see `searched_scene`; what its file says unless given.
+    """
+
+    place: bool = False
+    lamps: int | None = None
+    parts: tuple[str, ...] | None = None
+    shots: int | None = None
+
+    def places_on(self, scene: Scene) -> bool:
+        """Return whether lamps of ``scene`` may sit elsewhere."""
+        return self.place or bool(scene.search and scene.search.places)
+
+    def on(self, scene: Scene) -> Scene:
+        """Return the scene of all designs of a sensor: itself where it has no more of them."""
+        place, listed = self.places_on(scene), bool(scene.search and scene.search.parts)
+        if not (place or listed or self.parts) and self.lamps is None and self.shots is None:
+            return scene
+        return searched_scene(
+            scene, place=place, lamps=self.lamps, parts=self.parts, shots=self.shots
+        )
+
+    @property
+    def flags(self) -> list[str]:
+        """What is given, as the command line has it."""
+        words = ["--place"] * self.place
+        words += [f"--lamps {self.lamps}"] * (self.lamps is not None)
+        words += [f"--parts {','.join(self.parts or ())}"] * (self.parts is not None)
+        return words + [f"--shots {self.shots}"] * (self.shots is not None)
 
 
 def ending_in(name: str, ending: str) -> str:
