@@ -91,7 +91,7 @@ def _search_problems(scene: Scene, others: list[str]) -> Iterator[str]:
         return
     alone = list(scene.search.problems(scene.constraints, scene.lamp_count))
     if not others:
-        own, channels = scene.parts or (), scene.palette.channels
+        own, channels = scene.parts or (), scene.palette.one_shot.channels
         alone += naming_problems(scene.search.parts, own, channels, "search.parts")
     yield from alone
     if not alone and not others:
