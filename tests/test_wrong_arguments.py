@@ -74,7 +74,7 @@ CASES: dict[str, Case] = {
     "load_table": Case(lambda h: tactilux.load_table, lambda h: {"path": h.table_file}),
     "load_design": Case(
         lambda h: tactilux.load_design,
-        lambda h: {"path": h.folder.parent / "saved.toml", "scene": h.scene},
+        lambda h: {"path": h.design_file, "scene": h.scene},
         {"scene": {"a scene"}},
     ),
     "save_design": Case(

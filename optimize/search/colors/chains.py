@@ -45,7 +45,7 @@ def count_chains(limits: SearchLimits, *, alike: bool) -> int:
     >>> from dataclasses import replace
     >>> from optimize.design import unlimited
     >>> count_chains(replace(unlimited(34, off=True), most_lit=3), alike=True)
-    31637
+    31076
     """
     fibers, colors = len(limits.allowed), len(limits.palette.names)
     runs = fibers if limits.runs is None else min(limits.runs.most, fibers)
