@@ -92,7 +92,7 @@ CASES: dict[str, Case] = {
     "places": Case(
         lambda h: tactilux.places,
         lambda h: {"scene": h.scene, "lamps": None, "parts": None, "shots": None},
-        {"scene": SCENE, "lamps": {NOTHING, "a number"}, "parts": {NOTHING},
+        {"scene": SCENE, "lamps": {NOTHING, "a number"}, "parts": {NOTHING, "a list"},
          "shots": {NOTHING, "a number"}},
     ),
     "build": Case(

@@ -71,7 +71,7 @@ def test_the_same_leds_elsewhere_read_better_and_are_a_sensor(
     count = 3 + 4 + 4
     designs = count + count * (count - 1) // 2 + count * (count - 1) * (count - 2) // 6
     assert placed.result["proven_best_of"] == designs
-    assert f"the best of all {designs} designs." in placed.said
+    assert f"best of all {designs} designs" in placed.said
     report = (placed.folder / "report.html").read_text()
     assert "tactilux build" in report
     design = load_design(placed.folder / "design.json", load_scene(placed.folder / "scene.toml"))

@@ -217,5 +217,5 @@ def test_parts_and_shots_are_chosen_on_every_sensor(sides: Scene) -> None:
         palette = variants.at(values).palette
         assert palette.shots == 2
         assert {"red-0603", "green-0603"} < set(palette.one_shot.names)
-    with pytest.raises(SceneError, match="camera.shots is varied and shots = 2 as well"):
+    with pytest.raises(SceneError, match=r"camera\.shots is varied and shots = 2 as well"):
         Variants(sides, [dimension_of(sides, "camera.shots=1,2")], menu=menu)
