@@ -51,13 +51,22 @@ def worked(
         ("verify", design, "--model", "models/small8", "--samples", 2, "--seeds", 2),
         ("optimize", "small8.toml", "--model", "models/small8", *LITTLE),
         ("play", design, "--model", "models/small8", "--out", "a page.html"),
+        (
+            "explore",
+            "small8.toml",
+            "--coarse",
+            "--vary",
+            "camera.distance=14.9,15.1",
+            "--out",
+            "runs/distances",
+        ),
     ):
         done = subprocess.run(
             [sys.executable, "-m", "optimize.cli", *map(str, words), "--json"],
             cwd=place, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
-        said[words[0]] = json.loads(done.stdout)
+        said["study" if "--vary" in words else words[0]] = json.loads(done.stdout)
     return place, said
 
 
@@ -117,6 +126,8 @@ def test_every_kind_of_run_is_listed_with_what_it_said_itself(
     low, high = explored["interval"]
     assert played["interval"][1] - played["interval"][0] == pytest.approx(high - low)
     assert "Kendall's tau" in rows["models/small8"]["note"]
+    assert said["study"]["sentence"] in rows["runs/distances"]["note"]
+    assert (rows["runs/distances"]["kind"], rows["runs/distances"]["scene"]) == ("study", "small8")
 
 
 def test_the_page_shows_each_run_and_its_links_lead_to_files(
@@ -133,9 +144,9 @@ def test_the_page_shows_each_run_and_its_links_lead_to_files(
     assert len(targets) >= 2 * 3 + 2  # reports and designs, a card, a page to play with
     for target in targets:
         assert (path.parent / unquote(target)).is_file(), target
-    # Four designs of the small sensor, whose file lies here, and one night.
+    # Five designs of the small sensor, whose file lies here, and one night.
     pictures = re.findall(r'<img src="data:image/svg[^"]+" alt="([^"]+)"', text)
-    assert len(pictures) == 5
+    assert len(pictures) == 6
     saved = load_design_file(folder / "runs" / "small8-explore" / "design.json").design
     letters = color_letters(saved, load_scene(folder / "small8.toml"))
     assert sum(letters in alt for alt in pictures) >= 3  # explored, verified, played
