@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -141,7 +142,9 @@ def test_a_notebook_whose_loop_runs_is_told_the_same() -> None:
         with pytest.raises(RunError, match="no Dask scheduler answers at"):
             DaskWorkers(address="tcp://127.0.0.1:9")
 
-    asyncio.run(cell())
+    # Browsers of other tests may leave a loop that runs in this thread.
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(lambda: asyncio.run(cell())).result()
 
 
 @pytest.mark.parametrize("how", ["tls", "tcp"])
