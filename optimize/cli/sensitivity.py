@@ -33,6 +33,7 @@ def run(
 ) -> None:
     """Say which manufacturing tolerance costs a design the most."""
     from optimize.design import limits_of, open_rated
+    from optimize.readers import merit_of
     from optimize.robust import (
         check_slopes,
         exact_slopes,
@@ -41,7 +42,6 @@ def run(
         sensitivities,
         tolerances_of,
         usual_tolerances_note,
-        worth_of,
     )
     from optimize.scoring import TableScorer, model_of_design, search_table
 
@@ -63,8 +63,8 @@ def run(
         scorer = TableScorer(table, limits=limits_of(sensor))
         with ProgressBar("Previews of other materials") as bar:
             slopes = material_slopes(sensor, spreads, table.phi, bar)
-        worth = worth_of(goal, scorer, sensor)
-        found = tuple(sensitivities(worth, candidate.design, spreads, slopes, seed=seed))
+        merit = merit_of(goal, scorer, sensor)
+        found = tuple(sensitivities(merit, candidate.design, spreads, slopes, seed=seed))
         result: dict[str, object] = {
             "scene_hash": sensor.hash,
             "objective": goal,
@@ -76,7 +76,7 @@ def run(
             from render.reference import ensure_llvm
 
             ensure_llvm()
-            exact = exact_slopes(worth, candidate.design, list(spreads), slopes)
+            exact = exact_slopes(merit, candidate.design, list(spreads), slopes)
             checkpoint = path.parent / f"{path.stem}-renders"
             note(f"Rendering neighbors; interrupted, the same command goes on from {checkpoint}")
             with ProgressBar("Rendering") as bar:

@@ -284,14 +284,6 @@ class SearchLimits:
         return replace(design, drive=np.minimum(design.drive, self.led_power))
 
 
-def _unfulfilled() -> DesignError:
-    return DesignError(
-        "no choice of colors fulfills the constraints: fix fewer fibers or allow more LEDs "
-        "per color",
-        field="constraints",
-    )
-
-
 def unlimited(fibers: int, palette: Palette = RGB, *, off: bool = False) -> SearchLimits:
     """Return the limits that allow every color of ``palette``, and ``off`` if that is a choice."""
     choices = len(palette.names) + off

@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 from optimize.design import DARK, Design, currents, limits_of, part_entries, prices
 from optimize.robust import (
     MATERIALS,
-    ScoreWorth,
     material_slopes,
     sensitivities,
     spread_words,
     tolerances_of,
 )
-from optimize.scoring import TableScorer, predict_design, search_table
+from optimize.scoring import ScoreMerit, TableScorer, predict_design, search_table
 from render.chebyshev import chebyshev_nodes
 from render.geometry import FiberHolder, fiber_edges, flat_fiber_poses
 from render.progress import OnProgress
@@ -326,8 +325,8 @@ def mounting_error_costs(
     nodes = chebyshev_nodes(LAYER_NODES, 0.0, np.pi)
     slopes = material_slopes(scene, spreads, nodes, progress)
     table = checker.transport_table(nodes) if slopes else search_table(checker)
-    worth = ScoreWorth(TableScorer(table, limits=limits_of(scene)))
-    found = sensitivities(worth, design, spreads, slopes)
+    merit = ScoreMerit(TableScorer(table, limits=limits_of(scene)))
+    found = sensitivities(merit, design, spreads, slopes)
     return [
         ErrorCost(spread_words(one.name, spreads[one.name]), one.mean_loss, one.low_loss)
         for one in found

@@ -20,6 +20,7 @@ from optimize.readers.press_reading import (
     check_flat,
     read_press,
 )
+from optimize.readers.reader_merit import ReaderMerit, merit_of
 from optimize.readers.reading import (
     SEEDS,
     ExposedColors,

@@ -14,4 +14,3 @@ from optimize.robust.robustness_study import (
     study_robustness,
 )
 from optimize.robust.sensitivity import check_slopes, exact_slopes, sensitivities
-from optimize.robust.worth import ScoreWorth, worth_of

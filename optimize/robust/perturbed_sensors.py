@@ -1,7 +1,7 @@
 """Robust designs: good on sensors as they are built, not only on the one that is drawn (6.2).
 
 Perturbed sensors are draws of manufacturing errors. The objective over them is a lower quantile of
-what they are worth, or its mean minus one standard deviation; both have exact derivatives.
+a merit, or its mean minus one standard deviation; both have exact derivatives.
 
 All designs meet the same errors, so that their comparison keeps only what differs. Relative errors
 act as factors ``exp(error)``; errors of the material act through its slopes in log T, to first
@@ -19,7 +19,7 @@ import numpy as np
 from optimize.design import Array, Design
 from optimize.objectives import ObjectiveName, sign_of
 from optimize.robust.material_slopes import PER_FIBER
-from optimize.robust.worth import Worth
+from optimize.scoring import Merit
 from optimize.search import Objective
 from render.chebyshev import differentiation_matrix
 from render.scene import Spread
@@ -34,7 +34,7 @@ class PerturbedSensors:
     """Draws of sensors, common to all designs.
 
     Arguments of the constructor:
-        worth: what colors are worth, and the sensor as drawn.
+        merit: of counts, on the sensor as drawn.
         spreads: tolerances by name.
         slopes: of the materials among them, from `material_slopes`.
         draws: number of sensors.
@@ -43,7 +43,7 @@ class PerturbedSensors:
 
     def __init__(
         self,
-        worth: Worth,
+        merit: Merit,
         spreads: Mapping[str, Spread],
         slopes: Mapping[str, Array],
         *,
@@ -51,8 +51,8 @@ class PerturbedSensors:
         seed: int,
     ) -> None:
         rng = np.random.default_rng([seed, 62])
-        scorer = worth.scorer
-        self.worth, self.draws = worth, draws
+        scorer = merit.scorer
+        self.merit, self.draws = merit, draws
         self.errors = {
             name: spread.draw(rng, (draws, scorer.fibers if name in PER_FIBER else 1))
             for name, spread in spreads.items()
@@ -61,16 +61,16 @@ class PerturbedSensors:
         self._factor = np.zeros((draws, scorer.fibers))
         for name in ("led_power", "camera_gain"):
             self._factor = self._factor + self.errors.get(name, 0.0)
-        derivative, patches = differentiation_matrix(scorer.table.phi), worth.cells[2]
+        derivative = differentiation_matrix(scorer.table.phi)
         self._slopes = {}
         for name in spreads:
             if name in slopes:
-                flat = slopes[name][:, :, :, :, :patches].reshape(*slopes[name].shape[:2], -1)
+                flat = merit.flat(slopes[name])
                 self._slopes[name] = flat, np.einsum("ij,fjx->fix", derivative, flat)
 
     def turned(self, phi: Array) -> Array:
         """Return where fibers point, ``(draw, F)`` rad, that were meant to point to ``phi``."""
-        low, high = self.worth.scorer.phi_bounds
+        low, high = self.merit.scorer.phi_bounds
         return np.asarray(np.clip(phi + self._turn, low, high))
 
     def fraction_at_end(self, phi: Array) -> float:
@@ -78,42 +78,43 @@ class PerturbedSensors:
         return float((self.turned(phi) != phi + self._turn).mean())
 
     def values(self, design: Design) -> Array:
-        """Return what ``design`` is worth on every sensor, ``(draw,)``."""
+        """Return the merit of ``design`` on every sensor, ``(draw,)``."""
         out = np.empty(self.draws)
-        for draw in range(self.draws):
-            light, _ = self._light_of(draw, design.phi)
-            out[draw] = self.worth.value(self.worth.superposed(light, design.power))
+        for draw, phi in enumerate(self.turned(design.phi)):
+            light = self.merit.light(phi) * self._factors(draw, phi)
+            counts = self.merit.superposed(light, design.power)
+            out[draw] = self.merit.values(counts[None])[0]
         return out
 
     def gradients(self, design: Design) -> tuple[Array, Array, Array]:
-        """Return the worth ``(draw,)`` and its derivatives.
+        """Return the merit ``(draw,)`` and its derivatives.
 
         By the directions, ``(draw, F)`` per rad, and by power in the channels, ``(draw, F, C)``.
         """
-        values, slopes = np.empty(self.draws), np.empty((self.draws, len(design.phi)))
-        by_power = np.empty((self.draws, *design.power.shape))
-        for draw in range(self.draws):
-            light, turned = self._light_of(draw, design.phi)
-            counts = self.worth.superposed(light, design.power)
-            values[draw], by_counts = self.worth.slopes(counts)
-            by_light, by_power[draw] = self.worth.chain(by_counts, light, design.power)
-            slopes[draw] = (by_light * turned).sum(axis=1)
-        return values, slopes, by_power
+        found = []
+        for draw, phi in enumerate(self.turned(design.phi)):
+            light, factor = self.merit.light(phi), self._factors(draw, phi)
+            growth = self._logs(draw, phi, 1)
+            turned = factor * (self.merit.turned(phi) + light * growth)
+            found.append(self.merit.gradient_by(light * factor, turned, design.power))
+        return (
+            np.array([one.value for one in found]),
+            np.array([one.phi for one in found]),
+            np.array([one.power for one in found]),
+        )
 
-    def _light_of(self, draw: int, phi: Array) -> tuple[Array, Array]:
-        """Return counts per unit of LED power and their derivative by phi, ``(F, cell)`` each."""
-        turned = self.turned(phi)[draw]
-        weights, (light, by_phi) = self.worth.weights(turned), self.worth.at(turned)
+    def _factors(self, draw: int, phi: Array) -> Array:
+        """Return by what errors multiply the light of fibers at ``phi`` ``(F,)``, by cell."""
+        own = self._factor[draw].reshape(-1, *(1 for _ in self.merit.cells))
+        return np.asarray(np.exp(own + self._logs(draw, phi, 0)))
 
-        def at(values: Array) -> Array:
-            return np.asarray((weights @ values)[:, 0])
-
-        log, growth = self._factor[draw][:, None], np.zeros_like(light)
-        for name, (slope, change) in self._slopes.items():
-            error = self.errors[name][draw][:, None]
-            log, growth = log + error * at(slope), growth + error * at(change)
-        factor = np.exp(log)
-        return light * factor, factor * (by_phi + light * growth)
+    def _logs(self, draw: int, phi: Array, order: int) -> Array:
+        """Return the logarithm of what errors of the material do, or its derivative by phi."""
+        total = np.zeros((len(phi), *self.merit.cells))
+        for name, slopes in self._slopes.items():
+            error = self.errors[name][draw].reshape(-1, *(1 for _ in self.merit.cells))
+            total = total + error * self.merit.at(slopes[order], phi)
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,28 +150,27 @@ class RobustRating:
 
 def rate_robustly(sensors: PerturbedSensors, design: Design) -> RobustRating:
     """Return the rating of ``design`` over ``sensors`` that had no part in making it."""
-    values, worth = sensors.values(design), sensors.worth
+    values, merit = sensors.values(design), sensors.merit
     rng = np.random.default_rng(0)
     resampled = rng.choice(values, (RESAMPLES, len(values)))
-    tenths = worth.sign * np.quantile(resampled, QUANTILE, axis=1)
+    tenths = merit.sign * np.quantile(resampled, QUANTILE, axis=1)
     low, high = np.quantile(tenths, [0.025, 0.975])
-    drawn = worth.superposed(worth.at(design.phi)[0], design.power)
     return RobustRating(
-        objective=worth.objective,
-        nominal=worth.sign * worth.value(drawn),
-        mean=worth.sign * float(values.mean()),
+        objective=merit.objective,
+        nominal=merit.sign * merit.value(design.phi, design.power),
+        mean=merit.sign * float(values.mean()),
         deviation=float(values.std(ddof=1)),
-        tenth=worth.sign * float(np.quantile(values, QUANTILE)),
+        tenth=merit.sign * float(np.quantile(values, QUANTILE)),
         tenth_interval=(float(low), float(high)),
         draws=len(values),
     )
 
 
-class RobustWorth(Objective):
+class RobustObjective(Objective):
     """The objective over drawn sensors; see `optimize.search.local_refinement.Objective`."""
 
     def __init__(self, sensors: PerturbedSensors, measure: Measure) -> None:
-        """Take the sensors and what is made of their worths."""
+        """Take the sensors and what is made of the merit on them."""
         self.sensors, self.measure = sensors, measure
         self._weights = _quantile_weights(sensors.draws)
 

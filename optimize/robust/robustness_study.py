@@ -12,17 +12,17 @@ import numpy as np
 from optimize.design import limits_of
 from optimize.exploration import Exploration, rate
 from optimize.objectives import ObjectiveName, title_of, unit_of
+from optimize.readers import merit_of
 from optimize.robust.material_slopes import material_slopes, tolerances_of
 from optimize.robust.perturbed_sensors import (
     Measure,
     PerturbedSensors,
+    RobustObjective,
     RobustRating,
-    RobustWorth,
     rate_robustly,
 )
 from optimize.robust.sensitivity import Sensitivity, sensitivities
 from optimize.robust.shadow import ShadowPenalty
-from optimize.robust.worth import worth_of
 from optimize.scoring import TableScorer, search_table
 from optimize.search import NominalScore, Objective, WeightedSum, multi_start
 from optimize.search.colors import quick_colors, renamed_like
@@ -113,13 +113,13 @@ def study_robustness(
         spreads = tolerances_of(scene)
         stage_report = in_stage(report, "previews of other materials")
         slopes = material_slopes(scene, spreads, table.phi, stage_report)
-        worth = worth_of(exploration.objective, scorer, scene)
+        merit = merit_of(exploration.objective, scorer, scene)
         # Sensors to search on, and others that rate what was found.
         seen, unseen = (
-            PerturbedSensors(worth, spreads, slopes, draws=draws, seed=1000 * seed + stream)
+            PerturbedSensors(merit, spreads, slopes, draws=draws, seed=1000 * seed + stream)
             for stream, draws in ((1, count), (2, RATING_DRAWS))
         )
-        goal = RobustWorth(seen, measure)
+        goal = RobustObjective(seen, measure)
     if shadow is not None and shadow_weight is not None:
         goal = WeightedSum((1.0, goal), (shadow_weight, shadow))
     best = exploration.stages[-1].design
@@ -148,7 +148,7 @@ def study_robustness(
         if kept and ratings[first.key].better(ratings[stage.key]):
             design, ratings[stage.key] = first.design, ratings[first.key]
             stages[-1] = replace(first, key=stage.key, title=stage.title, change=stage.change)
-        costs = tuple(sensitivities(worth, design, spreads, slopes, seed=seed))
+        costs = tuple(sensitivities(merit, design, spreads, slopes, seed=seed))
         clock.tick()
         at_end = unseen.fraction_at_end(design.phi)
     shadows = {} if shadow is None else {e.key: -shadow.value(e.design) for e in stages}

@@ -16,8 +16,7 @@ import numpy as np
 from optimize.design import Array, Design, RatedDesign
 from optimize.robust.material_slopes import MATERIALS, PER_FIBER, neighbors
 from optimize.robust.perturbed_sensors import QUANTILE, PerturbedSensors
-from optimize.robust.worth import Worth
-from optimize.scoring import JackknifeEstimate, jackknife
+from optimize.scoring import JackknifeEstimate, Merit, jackknife
 from optimize.verification import reference_renders
 from render.progress import OnProgress
 from render.scene import Spread
@@ -62,7 +61,7 @@ class Sensitivity:
 
 
 def sensitivities(
-    worth: Worth,
+    merit: Merit,
     design: Design,
     spreads: Mapping[str, Spread],
     slopes: Mapping[str, Array],
@@ -75,19 +74,18 @@ def sensitivities(
     ``spreads`` are tolerances by name, ``slopes`` those of the materials among them, from
     `material_slopes`; every tolerance has ``draws`` sensors.
     """
-    exact = exact_slopes(worth, design, list(spreads), slopes)
-    drawn = worth.superposed(worth.at(design.phi)[0], design.power)
-    nominal, losses = worth.value(drawn), []
+    exact = exact_slopes(merit, design, list(spreads), slopes)
+    nominal, losses = merit.value(design.phi, design.power), []
     rng = np.random.default_rng(seed)
     for name, spread in spreads.items():
-        sensors = PerturbedSensors(worth, {name: spread}, slopes, draws=draws, seed=seed)
+        sensors = PerturbedSensors(merit, {name: spread}, slopes, draws=draws, seed=seed)
         values = sensors.values(design)
         lows = np.quantile(rng.choice(values, (200, draws)), QUANTILE, axis=1)
         losses.append(
             Sensitivity(
                 name=name,
                 sigma=spread.sigma,
-                slope=worth.sign * exact[name],
+                slope=merit.sign * exact[name],
                 deviation=float(np.linalg.norm(exact[name])) * spread.sigma,
                 mean_loss=nominal - float(values.mean()),
                 low_loss=nominal - float(np.quantile(values, QUANTILE)),
@@ -98,26 +96,24 @@ def sensitivities(
 
 
 def exact_slopes(
-    worth: Worth, design: Design, names: list[str], slopes: Mapping[str, Array]
+    merit: Merit, design: Design, names: list[str], slopes: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Return exact derivatives of the worth by the errors ``names``, ``(F,)`` or ``(1,)`` each.
+    """Return exact derivatives of the merit by the errors ``names``, ``(F,)`` or ``(1,)`` each.
 
     Per rad for ``fiber_angle``, per mm for ``diffuser_thickness``, else per relative error.
     """
-    light, turned = worth.at(design.phi)
-    _, by_counts = worth.slopes(worth.superposed(light, design.power))
-    by_light, _ = worth.chain(by_counts, light, design.power)
-    weights, patches = worth.weights(design.phi), worth.cells[2]
+    gradient = merit.gradient(design.phi, design.power)
+    cells = tuple(range(1, gradient.light.ndim))
+    by_light = gradient.light.sum(axis=cells)
     derivatives: dict[str, Array] = {}
     for name in names:
         if name == "fiber_angle":
-            grown = turned
+            derivatives[name] = gradient.phi
         elif name in slopes:
-            known = slopes[name][:, :, :, :, :patches].reshape(*slopes[name].shape[:2], -1)
-            grown = light * (weights @ known)[:, 0]
+            at = merit.at(merit.flat(slopes[name]), design.phi)
+            derivatives[name] = (gradient.light * at).sum(axis=cells)
         else:
-            grown = light
-        derivatives[name] = (by_light * grown).sum(axis=1)
+            derivatives[name] = by_light
         if name not in PER_FIBER:
             derivatives[name] = derivatives[name].sum(keepdims=True)
     return derivatives

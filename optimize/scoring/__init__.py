@@ -13,10 +13,10 @@ from optimize.scoring.jackknife import (
     jackknife_parts,
     pooled_estimate,
 )
+from optimize.scoring.merit import Merit, MeritGradient, ScoreMerit
 from optimize.scoring.noise_doubt import noise_doubt
 from optimize.scoring.rank_agreement import RankAgreement, rank_agreement
 from optimize.scoring.render_scores import RenderedScore, paired_difference, rendered_score
-from optimize.scoring.score_gradient import Differentiator
 from optimize.scoring.score_noise import TIE_DRAWS, score_draws, score_interval, tied
 from optimize.scoring.surrogate_model import (
     as_model,

@@ -20,7 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from optimize.design import DARK, Array, Design, ScoredDesign, SearchLimits
-from optimize.scoring import Differentiator, TableScorer
+from optimize.scoring import ScoreMerit, TableScorer
 from render.progress import Clock, OnProgress
 
 MAX_ITERATIONS, EXACT = 200, 2.2e-9
@@ -56,7 +56,7 @@ class NominalScore(Objective):
     """S on the table, the sensor as drawn, as an objective."""
 
     def __init__(self, scorer: TableScorer) -> None:
-        self._scorer, self._exact = scorer, Differentiator(scorer)
+        self._scorer, self._exact = scorer, ScoreMerit(scorer)
 
     def values(self, designs: Sequence[Design]) -> Array:
         """Return S of every design."""
@@ -64,8 +64,8 @@ class NominalScore(Objective):
 
     def gradient(self, design: Design) -> tuple[float, Array, Array]:
         """Return S and its derivatives."""
-        at = self._exact.at(design.phi, design.power)
-        return at.score, at.phi, at.power
+        at = self._exact.gradient(design.phi, design.power)
+        return at.value, at.phi, at.power
 
 
 class WeightedSum(Objective):

@@ -9,12 +9,11 @@ import numpy as np
 
 from optimize.design import Array, Design, ScoredDesign
 from optimize.objectives import ReaderName
-from optimize.readers import CameraModel, expected_error
+from optimize.readers import CameraModel, ReaderMerit
 from optimize.scoring import TableScorer
 from optimize.search.colors.all_colorings import all_colorings
 from optimize.search.colors.colorings import names_like
 from optimize.search.local_refinement import Objective, multi_start
-from render.chebyshev import differentiation_matrix, interpolation_weights
 from render.progress import Clock, OnProgress
 from render.scene import Scene
 
@@ -45,17 +44,9 @@ class ReaderObjective(Objective):
         Raises:
             TableError: the table has no background.
         """
-        table = scorer.table
-        self.camera = camera
-        self._error = expected_error(reader, scene, camera)
-        exposed = table.exposure * table.with_pad
-        self._cells = exposed.shape[2:5]
-        count = int(np.prod(exposed.shape[2:4]))
-        self._at_once = min(max(CELLS_AT_ONCE // count, 1), MOST_AT_ONCE)
-        self._tinted = "c" if table.by_channel else ""
-        self._nodes = table.phi
-        self._table = exposed.reshape(*exposed.shape[:2], -1)
-        self._slopes = np.einsum("ij,fjx->fix", differentiation_matrix(table.phi), self._table)
+        self.camera, self._merit = camera, ReaderMerit(scorer, scene, reader, camera)
+        states, sites = self._merit.cells[:2]
+        self._at_once = min(max(CELLS_AT_ONCE // (states * sites), 1), MOST_AT_ONCE)
 
     def values(self, designs: Sequence[Design]) -> Array:
         """Return minus the expected errors ``(N,)`` in degrees."""
@@ -64,33 +55,15 @@ class ReaderObjective(Objective):
             counts = []
             for design in designs[start : start + self._at_once]:
                 if known is None or not np.array_equal(design.phi, known):
-                    known, light = design.phi, self._at(self._table, design.phi)
-                counts.append(self._superposed(light, design.power))
-            found[start : start + len(counts)] = -self._error.degrees(np.stack(counts))
+                    known, light = design.phi, self._merit.light(design.phi)
+                counts.append(self._merit.superposed(light, design.power))
+            found[start : start + len(counts)] = self._merit.values(np.stack(counts))
         return found
 
     def gradient(self, design: Design) -> tuple[float, Array, Array]:
         """Return the value and its derivatives by directions ``(F,)`` and power ``(F, C)``."""
-        light, turned = (self._at(table, design.phi) for table in (self._table, self._slopes))
-        counts = self._superposed(light, design.power)
-        degrees, by_counts = self._error.slopes(counts)
-        by_light = np.einsum(f"bskc,fc->fbsk{self._tinted}", by_counts, design.power)
-        by_power = np.einsum(f"bskc,fbsk{self._tinted}->fc", by_counts, light)
-        by_phi = (by_light * turned).reshape(len(turned), -1).sum(axis=1)
-        return -degrees, -by_phi, -by_power
-
-    def _at(self, table: Array, phi: Array) -> Array:
-        """Return ``table`` at ``phi`` ``(F,)`` rad, ``(F, B, S, facet + 1[, C])``."""
-        found = interpolation_weights(self._nodes, phi)[:, None] @ table
-        channels = (-1,) if self._tinted else ()
-        return np.asarray(found.reshape(len(phi), *self._cells, *channels))
-
-    def _superposed(self, light: Array, power: Array) -> Array:
-        """Return counts ``(B, S, facet + 1, C)`` at the scene's exposure, not clipped."""
-        lit = np.maximum(light, 0.0)
-        if self._tinted:
-            return np.asarray(np.einsum("fbskc,fc->bskc", lit, power), dtype=np.float64)
-        return np.asarray(np.tensordot(lit, power, (0, 0)), dtype=np.float64)
+        at = self._merit.gradient(design.phi, design.power)
+        return at.value, at.phi, at.power
 
 
 @dataclass(frozen=True, eq=False)

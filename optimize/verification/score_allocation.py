@@ -1,7 +1,7 @@
 """Where renders change the answer: samples for the cells that move the scores of some designs.
 
 To first order, the noise of a score is ``sum g x`` over the facets' light x, with the exact
-derivatives g of S (`optimize.scoring.score_gradient`). A sample finds the light of all facets of a
+derivatives g of S (`optimize.scoring.ScoreMerit`). A sample finds the light of all facets of a
 site under one fiber, with errors relative to that light which differ from facet to facet and are
 much the same for all fibers and sites (measured, tests/validation/RESULTS.md). So the noise of one
 sample of a pair of site and fiber goes as ``sqrt(sum_facet (g T)^2)``, and so do the samples that

@@ -10,10 +10,9 @@ import pytest
 
 from optimize.design import Design
 from optimize.robust.material_slopes import neighbors
-from optimize.robust.perturbed_sensors import PerturbedSensors, RobustWorth, rate_robustly
+from optimize.robust.perturbed_sensors import PerturbedSensors, RobustObjective, rate_robustly
 from optimize.robust.sensitivity import exact_slopes, sensitivities
-from optimize.robust.worth import ScoreWorth
-from optimize.scoring import TableScorer
+from optimize.scoring import ScoreMerit, TableScorer
 from optimize.search import multi_start
 from render.scene import Scene, Spread
 from render.transport import TransportTable
@@ -49,14 +48,14 @@ def design() -> Design:
 
 
 def test_without_errors_every_sensor_is_the_one_drawn(scorer: TableScorer, design: Design) -> None:
-    sensors = PerturbedSensors(ScoreWorth(scorer), {}, {}, draws=3, seed=0)
+    sensors = PerturbedSensors(ScoreMerit(scorer), {}, {}, draws=3, seed=0)
     assert sensors.values(design) == pytest.approx(scorer.score(design.phi, design.power))
 
 
 def test_a_built_sensor_is_the_table_with_its_errors(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=4, seed=3)
+    sensors = PerturbedSensors(ScoreMerit(scorer), SPREADS, slopes, draws=4, seed=3)
     errors = {name: error[2] for name, error in sensors.errors.items()}
     log = sum(
         errors[name][:, None, None, None, None] * slopes.get(name, 1.0)
@@ -72,9 +71,9 @@ def test_a_built_sensor_is_the_table_with_its_errors(
 def test_derivatives_of_the_robust_score_equal_finite_differences(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors, h = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=12, seed=1), 1e-6
+    sensors, h = PerturbedSensors(ScoreMerit(scorer), SPREADS, slopes, draws=12, seed=1), 1e-6
     for measure in ("quantile", "spread"):
-        goal = RobustWorth(sensors, measure)
+        goal = RobustObjective(sensors, measure)
         value, slope, _ = goal.gradient(design)
         assert value == pytest.approx(goal.value(design), rel=1e-12)
         for fiber in range(FIBERS):
@@ -91,15 +90,15 @@ def test_derivatives_of_the_robust_score_equal_finite_differences(
 def test_refining_raises_the_robust_score_and_keeps_to_full_power(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    goal = RobustWorth(
-        PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=12, seed=1), "quantile"
+    goal = RobustObjective(
+        PerturbedSensors(ScoreMerit(scorer), SPREADS, slopes, draws=12, seed=1), "quantile"
     )
     found = multi_start(scorer, goal, [design])
     best, value = found.design, found.score
     assert value > goal.value(design)
     assert value == pytest.approx(goal.value(best))
     assert np.array_equal(best.power.max(axis=1), np.ones(FIBERS))
-    others = PerturbedSensors(ScoreWorth(scorer), SPREADS, slopes, draws=60, seed=9)
+    others = PerturbedSensors(ScoreMerit(scorer), SPREADS, slopes, draws=60, seed=9)
     rating = rate_robustly(others, best)
     assert rating.tenth_interval[0] <= rating.tenth <= rating.tenth_interval[1] < rating.nominal
 
@@ -107,13 +106,13 @@ def test_refining_raises_the_robust_score_and_keeps_to_full_power(
 def test_slopes_by_tolerance_equal_finite_differences(
     scorer: TableScorer, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    exact, h = exact_slopes(ScoreWorth(scorer), design, list(SPREADS), slopes), 1e-5
+    exact, h = exact_slopes(ScoreMerit(scorer), design, list(SPREADS), slopes), 1e-5
 
     def moved(name: str, error: np.ndarray) -> float:
         if name == "fiber_angle":
             return scorer.score(design.phi + error, design.power)
         sensors = PerturbedSensors(
-            ScoreWorth(scorer), {name: SPREADS[name]}, slopes, draws=1, seed=0
+            ScoreMerit(scorer), {name: SPREADS[name]}, slopes, draws=1, seed=0
         )
         sensors.errors[name] = error[None]
         sensors._factor = error[None] if name not in slopes else np.zeros((1, FIBERS))
@@ -132,7 +131,7 @@ def test_the_dearest_tolerance_comes_first(
 ) -> None:
     small = {name: replace(spread, deviation=1e-3) for name, spread in SPREADS.items()}
     small["camera_gain"] = Spread("normal", 0.2, "x")
-    found = sensitivities(ScoreWorth(scorer), design, small, slopes, draws=100)
+    found = sensitivities(ScoreMerit(scorer), design, small, slopes, draws=100)
     assert found[0].name == "camera_gain"
     assert found[0].worst_fiber is None
     losses = [entry.low_loss for entry in found]

@@ -11,8 +11,7 @@ import pytest
 from optimize.design import Design
 from optimize.robust.perturbed_sensors import PerturbedSensors
 from optimize.robust.sensitivity import exact_slopes
-from optimize.robust.worth import ScoreWorth
-from optimize.scoring import Differentiator, TableScorer, rendered_score, score_interval
+from optimize.scoring import ScoreMerit, TableScorer, rendered_score, score_interval
 from render.metric import MetricConfig, design_score, image_counts, site_metric, superposed
 from render.scene import Spread
 from render.transport import TransportTable
@@ -50,9 +49,9 @@ def test_derivatives_equal_finite_differences(make_table: MakeTable, config: Met
     scorer = TableScorer(tinted(make_table(6, 7, 3, 4, 6)), config)
     rng = np.random.default_rng(3)
     phi, power = rng.uniform(0.3, 2.8, 6), rng.uniform(0.2, 0.9, (6, 3))
-    exact, h = Differentiator(scorer), 1e-6
-    found = exact.at(phi, power)
-    assert found.score == pytest.approx(scorer.score(phi, power), rel=1e-12)
+    exact, h = ScoreMerit(scorer), 1e-6
+    found = exact.gradient(phi, power)
+    assert found.value == pytest.approx(scorer.score(phi, power), rel=1e-12)
     for fiber in range(6):
         step = h * np.eye(6)[fiber]
         slope = (scorer.score(phi + step, power) - scorer.score(phi - step, power)) / (2 * h)
@@ -63,7 +62,8 @@ def test_derivatives_equal_finite_differences(make_table: MakeTable, config: Met
             slope = (scorer.score(phi, power + move) - scorer.score(phi, power - move)) / (2 * h)
             assert found.power[fiber, channel] == pytest.approx(slope, rel=1e-4, abs=1e-4)
     trend = rng.standard_normal(found.light.shape)
-    ends = [exact.at(phi, power, np.exp(sign * h * trend)).score for sign in (1, -1)]
+    light = [exact.light(phi) * np.exp(sign * h * trend) for sign in (1, -1)]
+    ends = exact.values(np.stack([exact.superposed(one, power) for one in light]))
     assert (found.light * trend).sum() == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-5)
 
 
@@ -75,7 +75,7 @@ def test_channels_of_the_same_light_are_none(make_table: MakeTable) -> None:
     assert scorer.score(phi, power) == pytest.approx(plain.score(phi, power), rel=1e-12)
     # Channels share the noise of their light paths, as they do without an axis of them.
     assert score_interval(scorer, phi, power) == pytest.approx(score_interval(plain, phi, power))
-    one, other = (Differentiator(each).at(phi, power) for each in (plain, scorer))
+    one, other = (ScoreMerit(each).gradient(phi, power) for each in (plain, scorer))
     np.testing.assert_allclose(one.phi, other.phi, rtol=1e-10)
     np.testing.assert_allclose(one.power, other.power, rtol=1e-10)
     np.testing.assert_allclose(one.light, other.light.sum(axis=-1), rtol=1e-10)
@@ -111,7 +111,7 @@ def test_built_sensors_of_the_same_light_in_all_channels_score_alike(
     design = Design.of_colors(np.full(8, 1.2), [0, 1, 2, 0, 1, 2, 0, 1])
     plain, colored = (
         PerturbedSensors(
-            ScoreWorth(TableScorer(each)), SPREADS, {"scattering": by_light}, draws=5, seed=1
+            ScoreMerit(TableScorer(each)), SPREADS, {"scattering": by_light}, draws=5, seed=1
         )
         for each, by_light in ((table, slope), (alike(table), np.repeat(slope[..., None], 3, -1)))
     )
@@ -119,9 +119,9 @@ def test_built_sensors_of_the_same_light_in_all_channels_score_alike(
     for one, other in zip(plain.gradients(design), colored.gradients(design), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-8)
     names = list(SPREADS)
-    first = exact_slopes(plain.worth, design, names, {"scattering": slope})
+    first = exact_slopes(plain.merit, design, names, {"scattering": slope})
     second = exact_slopes(
-        colored.worth, design, names, {"scattering": np.repeat(slope[..., None], 3, -1)}
+        colored.merit, design, names, {"scattering": np.repeat(slope[..., None], 3, -1)}
     )
     for name in names:
         np.testing.assert_allclose(first[name], second[name], rtol=1e-8)
@@ -130,7 +130,7 @@ def test_built_sensors_of_the_same_light_in_all_channels_score_alike(
 def test_slopes_of_built_sensors_equal_finite_differences(make_table: MakeTable) -> None:
     scorer = TableScorer(tinted(make_table(lam=50.0)))
     slope = 0.2 * np.random.default_rng(5).standard_normal(scorer.table.T.shape)
-    sensors = PerturbedSensors(ScoreWorth(scorer), SPREADS, {"scattering": slope}, draws=3, seed=1)
+    sensors = PerturbedSensors(ScoreMerit(scorer), SPREADS, {"scattering": slope}, draws=3, seed=1)
     colors, phi, h = [0, 1, 2, 0, 1, 2, 0, 1], np.full(8, 1.2), 1e-6
     design = Design.of_colors(phi, colors)
     _, found, by_power = sensors.gradients(design)

@@ -9,10 +9,9 @@ import pytest
 
 from optimize.design import Design, dimmed_baseline, limits_of
 from optimize.objectives import READERS, ReaderName
-from optimize.readers import CameraModel
-from optimize.robust.perturbed_sensors import PerturbedSensors, RobustWorth, rate_robustly
+from optimize.readers import CameraModel, merit_of
+from optimize.robust.perturbed_sensors import PerturbedSensors, RobustObjective, rate_robustly
 from optimize.robust.sensitivity import exact_slopes, sensitivities
-from optimize.robust.worth import Worth, worth_of
 from optimize.scoring import TableScorer, search_table
 from optimize.search import ReaderObjective
 from render.scene import Scene, Spread
@@ -46,16 +45,12 @@ def design(finger20: Scene) -> Design:
     return Design(turned, 0.7 * base.drive, base.palette)
 
 
-def worth(scorer: TableScorer, finger20: Scene, reader: ReaderName) -> Worth:
-    return worth_of(reader, scorer, finger20)
-
-
 @pytest.mark.parametrize("reader", READERS)
 def test_a_sensor_without_errors_reads_as_the_search_says(
     scorer: TableScorer, finger20: Scene, design: Design, reader: ReaderName
 ) -> None:
     goal = ReaderObjective(scorer, finger20, reader, CameraModel.of(finger20))
-    sensors = PerturbedSensors(worth(scorer, finger20, reader), {}, {}, draws=2, seed=0)
+    sensors = PerturbedSensors(merit_of(reader, scorer, finger20), {}, {}, draws=2, seed=0)
     assert sensors.values(design) == pytest.approx(goal.value(design), rel=1e-9)
     rating = rate_robustly(sensors, design)
     assert rating.nominal == pytest.approx(rating.tenth)
@@ -70,8 +65,8 @@ def test_slopes_over_built_sensors_are_those_of_differences(
     design: Design,
     reader: ReaderName,
 ) -> None:
-    sensors = PerturbedSensors(worth(scorer, finger20, reader), SPREADS, slopes, draws=3, seed=1)
-    goal, rng, h = RobustWorth(sensors, "spread"), np.random.default_rng(5), 1e-5
+    sensors = PerturbedSensors(merit_of(reader, scorer, finger20), SPREADS, slopes, draws=3, seed=1)
+    goal, rng, h = RobustObjective(sensors, "spread"), np.random.default_rng(5), 1e-5
     value, by_phi, by_power = goal.gradient(design)
     assert value == pytest.approx(goal.value(design))
     turn = h * rng.standard_normal(20)
@@ -85,20 +80,22 @@ def test_slopes_over_built_sensors_are_those_of_differences(
 def test_a_gain_of_the_camera_costs_no_degrees_for_exposure_is_a_designs_own(
     scorer: TableScorer, finger20: Scene, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensor = worth(scorer, finger20, "sensor")
+    sensor = merit_of("sensor", scorer, finger20)
     found = {one.name: one for one in sensitivities(sensor, design, SPREADS, slopes, draws=20)}
     assert abs(found["camera_gain"].low_loss) < 1e-3
     assert found["led_power"].low_loss > 0.01
     exact = exact_slopes(sensor, design, list(SPREADS), slopes)
     assert abs(exact["camera_gain"][0]) < 1e-6
-    # What is told is degrees: where they rise, the worth falls.
+    # What is told is degrees: where they rise, the merit falls.
     np.testing.assert_allclose(found["led_power"].slope, -exact["led_power"])
 
 
 def test_one_built_sensor_in_ten_is_worse_than_what_is_told(
     scorer: TableScorer, finger20: Scene, slopes: dict[str, np.ndarray], design: Design
 ) -> None:
-    sensors = PerturbedSensors(worth(scorer, finger20, "sensor"), SPREADS, slopes, draws=60, seed=2)
+    sensors = PerturbedSensors(
+        merit_of("sensor", scorer, finger20), SPREADS, slopes, draws=60, seed=2
+    )
     rating, degrees = rate_robustly(sensors, design), -sensors.values(design)
     assert (degrees > rating.tenth).mean() == pytest.approx(0.1, abs=0.02)
     assert rating.tenth_interval[0] <= rating.tenth <= rating.tenth_interval[1]
