@@ -17,6 +17,7 @@ from optimize.search import ReaderObjective, reader_objective, refine_by, search
 from render.errors import TableError
 from render.scene import Scene, load_scene, unchecked
 from surrogate.runtime import Checker
+from tests.optimize.slopes import assert_slopes_are_differences
 
 
 def objective(
@@ -32,17 +33,9 @@ def test_slopes_are_those_of_differences_at_the_designs_own_exposure(
     reader: ReaderName, longest: float, finger20: Scene, finger20_checker: Checker
 ) -> None:
     _, goal = objective(finger20, finger20_checker, reader, CameraModel(longest_exposure=longest))
-    rng, h = np.random.default_rng(5), 1e-5
-    base = dimmed_baseline(finger20)
+    rng, base = np.random.default_rng(5), dimmed_baseline(finger20)
     design = Design(base.phi + rng.normal(0, 0.1, 20), 0.7 * base.drive, base.palette)
-    value, by_phi, by_power = goal.gradient(design)
-    assert value == pytest.approx(goal.value(design))
-    turn = h * rng.standard_normal(20)
-    up, down = (goal.value(replace(design, phi=design.phi + s * turn)) for s in (1, -1))
-    assert 2.0 * (by_phi @ turn) == pytest.approx(up - down, rel=0.02)
-    step = h * rng.standard_normal(design.drive.shape) * (design.drive > 0)
-    up, down = (goal.value(replace(design, drive=design.drive + s * step)) for s in (1, -1))
-    assert 2.0 * (by_power * step).sum() == pytest.approx(up - down, rel=0.02)
+    assert_slopes_are_differences(goal, design, rng)
 
 
 @pytest.mark.parametrize("reader", READERS)
