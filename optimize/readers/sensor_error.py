@@ -1,4 +1,4 @@
-"""Expected error of the *sensor* reader in closed form, with exact derivatives.
+"""Expected error of the *sensor* reader in closed form, with its derivatives.
 
 The reader is fitted by ridge regression on noisy colors (`sensor_reader`). In place of draws of
 the noise, its expectation to first order in the variance: with features a(x) of a color x of
@@ -7,6 +7,9 @@ variance v, the sum of squares that is minimized becomes
 Bishop 1995). A normal is then missed by the bias ``y - W a`` and by noise of the variances
 ``v_c |W da/dx_c|^2``; ``sqrt(bias^2 + pi / 4 noise^2)`` is the mean length where either is small
 (Rayleigh). Measured against the reader itself: `tests/validation/test_readers.py`.
+
+Derivatives hold the center and the scale of all colors, which the ridge alone feels: along random
+directions they are within 1.2 % of differences, and within 5 % for two shots of one light.
 """
 
 from __future__ import annotations
