@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from optimize.dimensions import Study
     from optimize.exploration import Exploration, Stage
     from optimize.objectives import ObjectiveName, ReaderName
-    from optimize.placement import Menu
+    from optimize.placement import SearchSpace
     from optimize.readers import ErrorComparison
     from optimize.search import SearchStep
     from optimize.verification import Optimization, OptimizationMethod, Verification
@@ -433,7 +433,7 @@ def places(
     """
     from render.scene import as_scene
 
-    return _menu(True, lamps, parts, shots).on(as_scene(scene))
+    return _search_space(True, lamps, parts, shots).on(as_scene(scene))
 
 
 def build(design: Design | str | Path, scene: Scene | str | Path, name: str) -> Scene:
@@ -512,8 +512,8 @@ def study(
     as_kind(lamps_follow, bool, "lamps_follow", "True or False", SceneError)
     chosen = as_whole(seed, "seed", SceneError, least=0)
     folder = as_folder(checkpoint, "checkpoint", SceneError)
-    menu = _menu(place, lamps, parts, shots)
-    variants = Variants(sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow, menu=menu)
+    space = _search_space(place, lamps, parts, shots)
+    variants = Variants(sensor, dimensions_of(sensor, vary), lamps_follow=lamps_follow, space=space)
     with shown_progress(progress, "") as report:
         return run_study(
             variants, reader=objective, coarse=coarse, seed=chosen, folder=folder, progress=report
@@ -614,9 +614,9 @@ def _model_of(
         return sensor, as_model(model, sensor, report)
 
 
-def _menu(place: object, lamps: object, parts: object, shots: object) -> Menu:
+def _search_space(place: object, lamps: object, parts: object, shots: object) -> SearchSpace:
     """Return what may be chosen on a sensor."""
-    from optimize.placement import Menu
+    from optimize.placement import SearchSpace
     from render.arguments import as_kind, as_whole
     from render.errors import SceneError
 
@@ -624,7 +624,7 @@ def _menu(place: object, lamps: object, parts: object, shots: object) -> Menu:
     if parts is not None:
         listed = as_kind(parts, list | tuple, "parts", allowed, SceneError)
         names = tuple(as_kind(name, str, "parts", allowed, SceneError) for name in listed)
-    return Menu(
+    return SearchSpace(
         bool(as_kind(place, bool, "place", "True or False", SceneError)),
         None if lamps is None else as_whole(lamps, "lamps", SceneError, least=1),
         names,

@@ -65,10 +65,10 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Find a better lighting design in seconds."""
-    from optimize.placement import Menu
+    from optimize.placement import SearchSpace
 
     names = None if parts is None else tuple(name.strip() for name in parts.split(","))
-    menu = Menu(place, lamps, names, shots)
+    space = SearchSpace(place, lamps, names, shots)
     if vary or lamps_follow:
         from optimize.dimensions.vary_command import explore_dimensions
 
@@ -77,7 +77,7 @@ def run(
             scene_name,
             vary or [],
             lamps_follow=lamps_follow,
-            menu=menu,
+            space=space,
             out=out,
             coarse=coarse,
             objective=objective,
@@ -103,8 +103,8 @@ def run(
     began = time.monotonic()
     with reserved_stdout() as stream:
         sensor = load_scene(scene_name)
-        place = menu.places_on(sensor)
-        scene = menu.on(sensor)
+        place = space.places_on(sensor)
+        scene = space.on(sensor)
         kept = standalone(scene)
         for told in stale_sources(scene, sources(scene)):
             note(told)

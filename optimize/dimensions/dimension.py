@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from optimize.placement import Menu
+from optimize.placement import SearchSpace
 from render.arguments import refuse
 from render.errors import SceneError
 from render.refused_values import did_you_mean
@@ -182,16 +182,16 @@ class Variants:
         dimensions: Sequence[Dimension],
         *,
         lamps_follow: bool = False,
-        menu: Menu | None = None,
+        space: SearchSpace | None = None,
     ) -> None:
         """Read every combination as a scene file is read.
 
         With ``lamps_follow`` lamps keep their height as a part of a thickness that is varied.
-        ``menu`` is what may be chosen on each sensor; what its file says unless given.
+        ``space`` is what may be chosen on each sensor; what its file says unless given.
         """
         self.scene, self.dimensions = scene, tuple(dimensions)
-        self.lamps_follow, self.menu = lamps_follow, menu or Menu()
-        self.place = self.menu.places_on(scene)
+        self.lamps_follow, self.space = lamps_follow, space or SearchSpace()
+        self.place = self.space.places_on(scene)
         self._check_search()
         if lamps_follow and not any(THICKNESS in one.places for one in dimensions):
             raise SceneError(
@@ -249,7 +249,7 @@ class Variants:
 
     def searched(self, scene: Scene) -> Scene:
         """Return a sensor with the places of its lamps, as many lit as may be."""
-        return self.menu.on(scene)
+        return self.space.on(scene)
 
     @property
     def one_sensor(self) -> bool:
@@ -287,9 +287,9 @@ class Variants:
         """Refuse numbers of a search that would change nothing."""
         for one in self.dimensions:
             given = {"search.lamps": "lamps", "camera.shots": "shots"}.get(one.key)
-            if given is not None and getattr(self.menu, given) is not None:
+            if given is not None and getattr(self.space, given) is not None:
                 raise SceneError(
-                    f"{one.key} is varied and {given} = {getattr(self.menu, given)} as well, "
+                    f"{one.key} is varied and {given} = {getattr(self.space, given)} as well, "
                     "allowed: one of both",
                     field=given,
                     option=f"--{given}",

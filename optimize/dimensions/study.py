@@ -209,7 +209,7 @@ class Study:
             for one in self.variants.dimensions
         ]
         words += ["--lamps-follow"] * self.variants.lamps_follow
-        return " ".join(words + self.variants.menu.flags)
+        return " ".join(words + self.variants.space.flags)
 
     @property
     def sentence(self) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from optimize.objectives import READERS, ObjectiveName
-from optimize.placement import Menu
+from optimize.placement import SearchSpace
 from optimize.ui.console import ProgressBar, note, print_json, reserved_stdout
 from render.errors import DesignError
 
@@ -17,7 +17,7 @@ def explore_dimensions(
     vary: Sequence[str],
     *,
     lamps_follow: bool,
-    menu: Menu,
+    space: SearchSpace,
     out: Path | None,
     coarse: bool,
     objective: ObjectiveName | None,
@@ -27,7 +27,7 @@ def explore_dimensions(
 ) -> None:
     """Answer what the dimensions of ``vary`` are worth: table, plot, page and the best sensor.
 
-    ``menu`` is what may be chosen on each sensor, ``refused`` are options that were given and do
+    ``space`` is what may be chosen on each sensor, ``refused`` are options that were given and do
     not go with ``--vary``.
 
     Raises:
@@ -65,7 +65,7 @@ def explore_dimensions(
         scene = load_scene(scene_name)
         standalone(scene)  # refuses files that cannot be kept, before any work is done
         dimensions = [dimension_of(scene, text) for text in vary]
-        variants = Variants(scene, dimensions, lamps_follow=lamps_follow, menu=menu)
+        variants = Variants(scene, dimensions, lamps_follow=lamps_follow, space=space)
         keys = "-".join(one.key.replace(".", "-") for one in variants.dimensions)
         target = out or Path("runs") / f"{scene.name}-{keys}"
         check_target(target, PLAN)
@@ -81,9 +81,9 @@ def explore_dimensions(
             "vary": list(vary),
             "lamps_follow": lamps_follow,
             "place": variants.place,
-            "lamps": menu.lamps,
-            "parts": menu.parts,
-            "shots": menu.shots,
+            "lamps": space.lamps,
+            "parts": space.parts,
+            "shots": space.shots,
             "objective": reader,
             "seed": seed,
             "coarse": coarse,

@@ -11,7 +11,7 @@ from optimize.placement.part_lamps import parts_sentence
 from optimize.placement.refined_places import RefinedPlaces, refined_places
 from optimize.placement.searched_scene import (
     PLACES,
-    Menu,
+    SearchSpace,
     candidates_of,
     ending_in,
     searched_scene,

@@ -68,8 +68,8 @@ def refined_places(
         objective: what it was searched by.
         progress: told of every round.
     """
-    menu, own = candidates_of(scene), scene.lamp_count
-    lit = _lit(scene, menu, design)
+    places, own = candidates_of(scene), scene.lamp_count
+    lit = _lit(scene, places, design)
     widest = max((one.widest for one in lit), default=0.0)
     if widest < 2.0:
         return None
@@ -84,12 +84,14 @@ def refined_places(
         clock.tick()
     before, after = values[0], values[-1]
     placed = {i: lamp for one in now for i, lamp in zip(one.members, one.lamps, strict=True)}
-    moved = [float(np.linalg.norm(lamp.position - menu[i].position)) for i, lamp in placed.items()]
+    moved = [
+        float(np.linalg.norm(lamp.position - places[i].position)) for i, lamp in placed.items()
+    ]
     if after <= before + LEAST_GAIN * abs(before):
         return None
     kept = {
         number: placed.get(number, candidate)
-        for number, candidate in enumerate(menu)
+        for number, candidate in enumerate(places)
         if number in placed or not _too_near(scene, candidate, list(placed.values()))
     }
     rows = [*range(own), *(own + number for number in kept)]
@@ -118,11 +120,11 @@ class _Lit:
     widest: float
 
 
-def _lit(scene: Scene, menu: Sequence[CandidateLamp], design: Design) -> list[_Lit]:
+def _lit(scene: Scene, places: Sequence[CandidateLamp], design: Design) -> list[_Lit]:
     """Return the places that a design lights; those whose image is a lamp of the scene stay."""
     mirror, own = scene.search.mirror if scene.search is not None else None, scene.lamp_count
     found: list[_Lit] = []
-    for number, candidate in enumerate(menu):
+    for number, candidate in enumerate(places):
         taken = any(number in one.members for one in found)
         if taken or design.colors[own + number] == DARK:
             continue
@@ -131,9 +133,9 @@ def _lit(scene: Scene, menu: Sequence[CandidateLamp], design: Design) -> list[_L
         if candidate.image:
             widest = 0.0
         elif mirror is not None and image_of(candidate, mirror) is not candidate:
-            paired = number + 1 < len(menu) and menu[number + 1].image
+            paired = number + 1 < len(places) and places[number + 1].image
             members, widest = ((number, number + 1), widest) if paired else (members, 0.0)
-        found.append(_Lit(members, tuple(menu[i] for i in members), widest))
+        found.append(_Lit(members, tuple(places[i] for i in members), widest))
     return found
 
 

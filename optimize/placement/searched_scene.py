@@ -34,7 +34,7 @@ MOST_PART_LAMPS = 512
 
 
 @dataclass(frozen=True)
-class Menu:
+class SearchSpace:
     """What may be chosen on a sensor beside colors and directions.
 
     Arguments:

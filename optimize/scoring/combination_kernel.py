@@ -1,10 +1,10 @@
-"""S of all lightings that a chain of choices makes: compiled, like the kernel of the metric.
+"""S of all lightings that few choices make: compiled, like the kernel of the metric.
 
-A chain chooses places in falling order, at each one of some *ways*, and every choice adds its unit
-of light to what those before it left. The lowest choices of several chains fill the lanes of
-`score_lanes`.
+A combination chooses places in falling order, at each one of some *ways*, and every choice adds its
+unit of light to what those before it left. The lowest choices of several combinations fill the
+lanes of `score_lanes`.
 
-Two classes of lightings are chains. In one a choice lights a lamp of a ring in a color, and all
+Two classes of lightings are such. In one a choice lights a lamp of a ring in a color, and all
 others stay off. In the other a choice is where the color changes: all lamps below it take another
 one, so that its unit is the difference of two sums of light over all lamps below (prefix sums).
 """
@@ -22,7 +22,7 @@ LANES = 64
 
 
 @vectorized
-def best_of_chains(
+def best_combinations(
     base: Single,
     units: Single,
     columns: Single,
@@ -38,12 +38,12 @@ def best_of_chains(
     places: Indices,
     colors: Indices,
 ) -> tuple[int, int]:
-    """Keep the best ``len(scores)`` chains above ``threshold``; return their number and of all.
+    """Keep the best ``len(scores)`` above ``threshold``; return how many, and how many there were.
 
     ``base`` ``(B * S, K, C)`` are counts before the first choice, ``units`` ``(color before, color,
     place, B * S, K, C)`` what a choice adds, with one color before for all where lamps are lit one
-    by one, and ``columns`` the same with places last. A ``task`` is how many choices a chain has,
-    its highest place where it has several, and the color before all. ``rules``: 1 where colors
+    by one, and ``columns`` the same with places last. A ``task`` is how many choices are made, the
+    highest place where it has several, and the color before all. ``rules``: 1 where colors
     change, 0 where lamps are lit; most runs; 1 where colors are alike, so that they appear first in
     their order; the number of lamps. ``led_counts`` ``(color,)`` lamps may have a color, and
     ``forbidden`` ``(color or off, lamp + 1)`` of those below a lamp must not. ``places`` and

@@ -15,10 +15,10 @@ from optimize.design import Colors, Design, ScoredDesign, SearchLimits
 from optimize.scoring import TableScorer, improves
 from optimize.search.colors import (
     ColorResult,
-    count_chains,
+    are_combinations,
+    count_combinations,
     exact_colors,
     grouped_colors,
-    is_chained,
     quick_colors,
     renamed_like,
 )
@@ -29,7 +29,7 @@ from render.errors import DesignError
 # A round that gains less than this fraction of the score ends the search.
 TOLERANCE = 1e-3
 MAX_ROUNDS = 10
-MOST_CHAINED = 500_000
+MOST_COMBINED = 500_000
 """Colorings of few lamps or few runs that are scored as a whole, in a second of two cores."""
 
 
@@ -107,7 +107,10 @@ def alternating_search(
             search.take_groups(number)
         phi, colors = search.design.phi, search.design.colors
         starts = [colors] if limits.may_be_off or (colors >= 0).all() else []
-        if is_chained(limits) and count_chains(limits, alike=scorer.colors_alike) <= MOST_CHAINED:
+        if (
+            are_combinations(limits)
+            and count_combinations(limits, alike=scorer.colors_alike) <= MOST_COMBINED
+        ):
             search.take_colors(number, exact_colors(scorer, phi))
         else:
             search.take_colors(number, quick_colors(scorer, phi, starts=starts, seed=seed + number))

@@ -17,11 +17,11 @@ from render.scene.faces import Finish
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamp_profile import Profile
 from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row
-from render.scene.parts import CarriedSites, Coating, Window
 from render.scene.places import Rail, Search
 from render.scene.quantities import Count, Quantity, unchecked
 from render.scene.scene_file import as_scene, load_scene, scene_text, shipped_scenes, sources
 from render.scene.schema import Scene
+from render.scene.sections import CarriedSites, Coating, Window
 from render.scene.serialization import scene_content, scene_of
 from render.scene.skin import SHAPES, Skin
 from render.scene.skin_mesh import MeshHeights

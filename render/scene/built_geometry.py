@@ -14,7 +14,7 @@ import numpy as np
 
 from render.arrays import Array
 from render.scene.lamps import EDGES, FACES, OUTWARD, Box, ListedLamp, PlacedLamp, Row, axes_across
-from render.scene.parts import Bending, Diffuser, Indenter, Pad, Sites
+from render.scene.sections import Bending, Diffuser, Indenter, Pad, Sites
 from render.scene.skin import Skin
 
 EMBEDDING = 0.01

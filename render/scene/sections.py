@@ -1,4 +1,4 @@
-"""The plain parts of a scene file: pad, diffuser, window, coating, bends, sites, pyramid, baseline.
+"""The plain sections of a scene: pad, diffuser, window, coating, bends, sites, pyramid, baseline.
 
 Lengths are mm, angles radians and coefficients 1/mm, all float64.
 """

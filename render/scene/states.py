@@ -22,8 +22,8 @@ from pydantic import Field, ValidationInfo, model_validator
 from pydantic_core import PydanticCustomError
 
 from render.arrays import Array
-from render.scene.parts import CarriedSites, Pad, Sites
 from render.scene.quantities import Part, Quantity, unchecked
+from render.scene.sections import CarriedSites, Pad, Sites
 from render.scene.skin import Skin
 from render.scene.skin_mesh import MeshHeights, MeshSamples, closed_body, named_file, spline_through
 

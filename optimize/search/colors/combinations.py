@@ -2,8 +2,8 @@
 
 Where lamps may be off: every choice of places for so many lit lamps, in all colors. Where all are
 lit: every coloring of the ring with so many runs of one color, by sums of light over all lamps
-below a place. Either is a chain of choices (`optimize.scoring.chain_kernel`), float32, of which the
-best are scored again in float64.
+below a place. Either combines few choices (`optimize.scoring.combination_kernel`), float32, of
+which the best are scored again in float64.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from render.progress import Clock, OnProgress
 if TYPE_CHECKING:
     from optimize.scoring.metric_kernel import Single
 
-MOST_CHAINS = 10**9
+MOST_COMBINATIONS = 10**9
 """Colorings of a class that is scored as a whole; half an hour of two cores for three states."""
 
 
-def is_chained(limits: SearchLimits) -> bool:
-    """Return whether all colorings within ``limits`` are chains of few choices.
+def are_combinations(limits: SearchLimits) -> bool:
+    """Return whether all colorings within ``limits`` are combinations of few choices.
 
-    Lamps that exclude others or are tied, budgets and several shots are no part of a chain.
+    Lamps that exclude others or are tied, budgets and several shots are no part of a combination.
     """
     alone = limits.exclusive is None and limits.ties is None and limits.palette.shots == 1
     few = limits.some_stay_off or limits.runs_limited
     return alone and not limits.budgets and few
 
 
-def count_chains(limits: SearchLimits, *, alike: bool) -> int:
+def count_combinations(limits: SearchLimits, *, alike: bool) -> int:
     """Return how many colorings there are within ``limits``, but for those of single lamps.
 
     Each lights some lamp. Where colors are ``alike``, those that only exchange them count once.
 
     >>> from dataclasses import replace
     >>> from optimize.design import unlimited
-    >>> count_chains(replace(unlimited(34, off=True), most_lit=3), alike=True)
+    >>> count_combinations(replace(unlimited(34, off=True), most_lit=3), alike=True)
     31076
     """
     fibers, colors = len(limits.allowed), len(limits.palette.names)
@@ -106,12 +106,12 @@ def _by_counts(lit: int, led_counts: tuple[int, ...]) -> int:
     return ways[lit]
 
 
-class Chains:
+class Combinations:
     """All colorings within the ``limits`` of few lit lamps or few runs.
 
     Arguments of the constructor:
         units: counts ``(F, choice, B * S, K, C)`` that each lamp adds with each color.
-        limits: of the colorings, see `is_chained`.
+        limits: of the colorings, see `are_combinations`.
         bends: number of bends B.
         lam, config: of the metric.
         alike: colors may be renamed, so that they count once.
@@ -174,7 +174,7 @@ class Chains:
         return BestAssignments(chosen[order], scores[order], evaluated)
 
     def _tasks(self) -> Iterator[tuple[int, int, int]]:
-        """Yield choices of a chain, its highest place, and the color before all."""
+        """Yield choices of a combination, its highest place, and the color before all."""
         places = self._units.shape[2]
         if self.by_change:
             starts = range(1 if self.alike else self.colors)
@@ -192,14 +192,14 @@ class Chains:
     def _task(self, task: tuple[int, int, int], keep: int, least: np.float32) -> tuple[
         Single, Colors, int
     ]:  # fmt: skip
-        from optimize.scoring.chain_kernel import best_of_chains
+        from optimize.scoring.combination_kernel import best_combinations
 
         count, _, start = task
         base = self._whole[start] if self.by_change else np.zeros(self._whole.shape[1:])
         scores = np.empty(keep, np.float32)
         places, colors = (np.empty((keep, count), np.int64) for _ in range(2))
         rules = np.array([self.by_change, self.runs, self.alike, self.fibers], np.int64)
-        found, evaluated = best_of_chains(
+        found, evaluated = best_combinations(
             base.astype(np.float32), self._units, self._columns, np.array(task, np.int64), rules,
             self._led_counts, self._forbidden, self.bends, self._constants, self._mark, least,
             scores, places, colors,

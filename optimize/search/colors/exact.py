@@ -12,7 +12,6 @@ import numpy as np
 
 from optimize.design import Array
 from optimize.scoring import TableScorer, tied
-from optimize.search.colors.chains import MOST_CHAINS, Chains, count_chains, is_chained
 from optimize.search.colors.colorings import (
     ColorResult,
     canonical,
@@ -20,6 +19,12 @@ from optimize.search.colors.colorings import (
     raise_unreachable,
     ranked,
     summed_by_group,
+)
+from optimize.search.colors.combinations import (
+    MOST_COMBINATIONS,
+    Combinations,
+    are_combinations,
+    count_combinations,
 )
 from optimize.search.colors.enumeration import Enumeration, Quota
 from render.errors import TactiluxError
@@ -49,7 +54,11 @@ def exact_colors(
     start = time.perf_counter()
     groups = scorer.limits.groups
     units = summed_by_group(color_units(scorer, phi), groups)
-    search = _chains(scorer, units) if is_chained(scorer.limits) else _enumeration(scorer, units)
+    search = (
+        _combinations(scorer, units)
+        if are_combinations(scorer.limits)
+        else _enumeration(scorer, units)
+    )
     best = search.best(KEEP, progress)
     if not len(best.scores):
         raise_unreachable()
@@ -103,14 +112,14 @@ def _enumeration(scorer: TableScorer, units: Array) -> Enumeration:
     )
 
 
-def _chains(scorer: TableScorer, units: Array) -> Chains:
+def _combinations(scorer: TableScorer, units: Array) -> Combinations:
     """Return the search of all colorings with few lit lamps or few runs."""
     limits, alike = scorer.limits, scorer.colors_alike
-    total = count_chains(limits, alike=alike)
-    if total > MOST_CHAINS:
+    total = count_combinations(limits, alike=alike)
+    if total > MOST_COMBINATIONS:
         raise TactiluxError(
             f"an exact search of all designs{limits.words} would score {total:,}, allowed: at most "
-            f"{MOST_CHAINS:,}; allow fewer, or use the method quick",
+            f"{MOST_COMBINATIONS:,}; allow fewer, or use the method quick",
             field="search",
         )
-    return Chains(units, limits, scorer.bends, scorer.table.lam, scorer.config, alike=alike)
+    return Combinations(units, limits, scorer.bends, scorer.table.lam, scorer.config, alike=alike)

@@ -23,9 +23,9 @@ from render.scene.catalog import naming_problems, own_problems
 from render.scene.colors import OFF
 from render.scene.faces import face_problems, painted_lamp_problems
 from render.scene.lamps import Fibers, ListedLamp, Row
-from render.scene.parts import MIN_BONDED_INDEX
 from render.scene.places.candidates import candidate_problems
 from render.scene.quantities import keys_of_schema_2
+from render.scene.sections import MIN_BONDED_INDEX
 from render.scene.states import REST, site_problems, state_problems
 
 if TYPE_CHECKING:

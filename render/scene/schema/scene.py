@@ -35,11 +35,11 @@ from render.scene.lamps import (
     Row,
     placed_lamps,
 )
-from render.scene.parts import Baseline, Bending, Coating, Diffuser, Indenter, Pad, Sites, Window
 from render.scene.places.search_section import Search
 from render.scene.quantities import Part, since_schema_2, unchecked
 from render.scene.schema.content_hash import content_hash
 from render.scene.schema.fitting import fitting_problems
+from render.scene.sections import Baseline, Bending, Coating, Diffuser, Indenter, Pad, Sites, Window
 from render.scene.skin import Skin
 from render.scene.states import REST, State
 from render.scene.tolerances import Tolerances

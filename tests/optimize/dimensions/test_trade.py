@@ -25,7 +25,7 @@ from optimize.dimensions import (
 from optimize.dimensions.answer import Answer, LightErrors, exposed_like
 from optimize.dimensions.study_page import table_of
 from optimize.exploration import explore
-from optimize.placement import Menu, built_scene, searched_scene
+from optimize.placement import SearchSpace, built_scene, searched_scene
 from render.errors import SceneError
 from render.files import read_sealed
 from render.scene import Scene, load_scene, scene_text
@@ -51,7 +51,9 @@ def sides(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def study_of(scene: Scene, *texts: str, **options: Any) -> Study:
-    variants = Variants(scene, [dimension_of(scene, text) for text in texts], menu=Menu(**options))
+    variants = Variants(
+        scene, [dimension_of(scene, text) for text in texts], space=SearchSpace(**options)
+    )
     return run_study(variants, coarse=True)
 
 
@@ -205,17 +207,17 @@ def test_limits_that_cannot_be_are_one_sentence(
         name = str(tmp_path / "apart.toml")
     scene = load_scene(name)
     with pytest.raises(SceneError) as refused:
-        Variants(scene, [dimension_of(scene, text)], menu=Menu(**options))
+        Variants(scene, [dimension_of(scene, text)], space=SearchSpace(**options))
     assert told in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
 def test_parts_and_shots_are_chosen_on_every_sensor(sides: Scene) -> None:
-    menu = Menu(parts=("red-0603", "green-0603"), shots=2)
-    variants = Variants(sides, [dimension_of(sides, "coating.albedo=0.4,0.5")], menu=menu)
+    space = SearchSpace(parts=("red-0603", "green-0603"), shots=2)
+    variants = Variants(sides, [dimension_of(sides, "coating.albedo=0.4,0.5")], space=space)
     for values in variants:
         palette = variants.at(values).palette
         assert palette.shots == 2
         assert {"red-0603", "green-0603"} < set(palette.one_shot.names)
     with pytest.raises(SceneError, match=r"camera\.shots is varied and shots = 2 as well"):
-        Variants(sides, [dimension_of(sides, "camera.shots=1,2")], menu=menu)
+        Variants(sides, [dimension_of(sides, "camera.shots=1,2")], space=space)

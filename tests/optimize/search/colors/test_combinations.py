@@ -14,7 +14,7 @@ from optimize.design.runs import Runs, count_runs
 from optimize.scoring import TableScorer
 from optimize.search import alternating_search
 from optimize.search.colors import all_colorings, canonical, exact_colors
-from optimize.search.colors.chains import count_chains, is_chained
+from optimize.search.colors.combinations import are_combinations, count_combinations
 from render.errors import TactiluxError
 from render.scene import RGB, Palette
 from render.transport import TransportTable
@@ -71,7 +71,7 @@ def test_the_best_of_a_class_is_that_of_brute_force(
         limits.allowed[5, 0] = False
     scorer = TableScorer(make_table(7, 3, 2, 3, 5, lam=60.0, seed=5), limits=limits)
     phi, colors = np.linspace(0.5, 2.5, 7), every(limits)
-    assert is_chained(limits)
+    assert are_combinations(limits)
     found = exact_colors(scorer, phi)
     scores = scorer.scores(colors, phi)
     assert found.score == pytest.approx(scores.max(), rel=1e-12)
@@ -88,7 +88,7 @@ def test_a_class_has_as_many_colorings_as_are_counted(
     limits = limits_with(6, **given)
     colors = every(limits)
     total = len(np.unique(canonical(colors), axis=0)) if alike else len(colors)
-    counted = count_chains(limits, alike=alike)
+    counted = count_combinations(limits, alike=alike)
     assert counted >= total
     if "leds" not in given:
         assert counted == total
@@ -153,7 +153,9 @@ def test_two_runs_of_64_lamps_in_five_lights_are_all_of_them(make_table: MakeTab
         inside = (low <= number) & (number < high)
         colors += [np.where(inside, a, b) for a, b in pairs]
     found = exact_colors(scorer, phi)
-    assert found.evaluated == len(colors) == count_chains(limits, alike=False) == 5 + 20 * 2016
+    assert (
+        found.evaluated == len(colors) == count_combinations(limits, alike=False) == 5 + 20 * 2016
+    )
     assert found.score == pytest.approx(scorer.scores(np.array(colors), phi).max(), rel=1e-12)
 
 
