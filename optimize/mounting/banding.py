@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from optimize.design import part_entries
 from optimize.mounting.mounting import Mounting
+from optimize.readers.camera_model import FULL_SCALE
 
-FULL_COUNTS = 255.0
 LEAST_COUNTS = 0.5
 """Bands below this are lost in rounding."""
 
@@ -53,7 +53,7 @@ def banding_sentences(mounting: Mounting, factor: float = 1.0) -> Iterator[str]:
             )
             return
         seconds = camera.exposure_time * factor / 1e3
-        counts = FULL_COUNTS * pulse_ripple(power, seconds * hertz)
+        counts = FULL_SCALE * pulse_ripple(power, seconds * hertz)
         if counts < LEAST_COUNTS:
             continue
         bands = (camera.line_time or 0.0) * 1e-6 * camera.rows * hertz
@@ -61,6 +61,6 @@ def banding_sentences(mounting: Mounting, factor: float = 1.0) -> Iterator[str]:
         steady = max(round(seconds * hertz), 1) / hertz * 1e3
         yield (
             f"{part} at {power:.0%} power dims by pulses of {hertz:g} Hz: {where} of up to "
-            f"{min(counts, FULL_COUNTS):.0f} counts of {FULL_COUNTS:.0f} at an exposure of "
+            f"{min(counts, FULL_SCALE):.0f} counts of {FULL_SCALE:.0f} at an exposure of "
             f"{seconds * 1e3:.3g} ms; none at {steady:.4g} ms or at full power."
         )

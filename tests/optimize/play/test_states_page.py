@@ -23,7 +23,7 @@ from tests.oracles.soft_domes import scene_text_of, write_files, written
 pytestmark = pytest.mark.slow
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, LocatorAssertions, Page
 
 SIZE, CENTER = (49, 65), (4.0, 5.0)
 NAMES = ["rest", "low", "twisted"]
@@ -49,6 +49,14 @@ def play(
         yield page
 
 
+def spoken(play: Page) -> LocatorAssertions:
+    """Return what is said of the map, waited for: the page speaks 300 ms after the last change."""
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=60_000)
+    return expect(play.locator("#heat"))
+
+
 def test_a_reader_chooses_the_state_by_its_name(play: Page, model: tuple[Scene, Checker]) -> None:
     scene, checker = model
     base = baseline_design(scene)
@@ -58,10 +66,10 @@ def test_a_reader_chooses_the_state_by_its_name(play: Page, model: tuple[Scene, 
     assert "over states" in play.locator("section.rating").inner_text()
     for number, name in enumerate(NAMES):
         play.get_by_label(name, exact=True).check(force=True)
-        play.wait_for_timeout(600)  # the page speaks after 300 ms
-        spoken = play.locator("#heat").get_attribute("aria-label")
         low, high = round(said[number].min()), round(said[number].max())
-        assert spoken == (f"Metric M over the sites, from {low} to {high} counts in this state")
+        spoken(play).to_have_attribute(
+            "aria-label", f"Metric M over the sites, from {low} to {high} counts in this state"
+        )
 
 
 def test_the_page_scores_all_states_as_the_model_does(
