@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
+
+from hw.check.bands import Bands
 
 
 class FiberState(StrEnum):
@@ -62,12 +64,14 @@ class Diagnosis:
         counts_error: root mean square difference between captured and predicted colors after
             matching the camera's gains, in counts.
         domain_excess: 0 inside the model's trained range.
+        bands: of LEDs that dim by pulses, in its photographs.
     """
 
     fibers: tuple[FiberDiagnosis, ...]
     score: float
     counts_error: float
     domain_excess: float
+    bands: tuple[Bands, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -104,4 +108,5 @@ class Diagnosis:
                 for one in self.fibers
             ],
             "domain_excess": self.domain_excess,
+            "bands": [asdict(one) for one in self.bands],
         }

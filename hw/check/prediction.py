@@ -162,11 +162,14 @@ class SiteSpots:
     """Which pixels show each site's spot at a ``bend`` in rad; used for every photograph.
 
     ``scene`` stays in one state (`render.geometry.in_state`), whose skin carries the sites.
-    ``counts`` ``(site,)`` are pixels per site; photographs have the camera's columns and rows.
+    ``counts`` ``(site,)`` are pixels per site, ``pad`` ``(row, column)`` where the camera sees it;
+    photographs have the camera's columns and rows.
     """
 
     def __init__(self, scene: Scene, bend: float) -> None:
-        flat = pad_positions(scene, bend, scene.camera.rows, scene.camera.columns).reshape(-1, 2)
+        flat = pad_positions(scene, bend, scene.camera.rows, scene.camera.columns)
+        self.pad: NDArray[np.bool_] = np.isfinite(flat[..., 0])
+        flat = flat.reshape(-1, 2)
         away = np.linalg.norm(flat - flat_sites(scene)[:, None, :2], axis=-1)
         self._shown = (away <= RADIUS).astype(np.float64)
         self.counts = self._shown.sum(axis=1)

@@ -25,9 +25,12 @@ from optimize.cli.options import (
     StateName,
     in_pose,
 )
-from optimize.ui.console import note, print_json, reserved_stdout
+from optimize.ui.console import counted, note, print_json, reserved_stdout
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hw.check.bands import Bands
     from hw.check.commission import RigRecord
     from hw.check.diagnosis import Diagnosis
     from hw.check.prediction import PadPrediction, SiteSpots
@@ -75,6 +78,7 @@ def run(
 
     from hw.calibrated_powers import calibrated_powers
     from hw.camera.self_test import check_order
+    from hw.check.bands import find_bands
     from hw.check.camera_response import measured_response
     from hw.check.commission import commission, load_record
     from hw.check.image_check import check_image
@@ -150,11 +154,15 @@ def run(
             colors = spots.colors(seen.together)
             _check_one(prediction, seen.together, spots, scene.palette)
             diagnosis = check_image(prediction, colors, known, ratio)
+        bands = find_bands(scene, lighting.drive, seen, spots.pad)
+        diagnosis = replace(diagnosis, bands=tuple(bands))
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, diagnosis.to_json())
         else:
             _write(stream, diagnosis, 1e3 * took, record, bool(seen.alone), scene.state_word)
+            if bands:
+                stream.write(bands_sentence(bands, scene.camera.exposure_time))
     if not diagnosis.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
@@ -235,6 +243,19 @@ def _write(
     stream.write(_reach(record, sweep))
     if diagnosis.domain_excess > 0:
         stream.write("The design lies outside the model's trained range: do not rely on this.\n")
+
+
+def bands_sentence(bands: Sequence[Bands], exposure_time: float | None) -> str:
+    """Return what is said of ``bands`` at an exposure of so many ms, the largest ones by number."""
+    worst = max(bands, key=lambda one: one.contrast)
+    periods = (exposure_time or 0.0) * 1e-3 * worst.hertz
+    steady = max(round(periods), 1) / worst.hertz * 1e3
+    return (
+        f"{counted(len(bands), 'photograph')} with bands, as {worst.part} makes them where it dims "
+        f"by pulses of {worst.hertz:g} Hz: {worst.photograph} differs by {worst.contrast:.0%} "
+        f"every {worst.rows:.3g} rows. Expose for {steady:.4g} ms, whole periods, or light it "
+        "fully.\n"
+    )
 
 
 def _reach(record: RigRecord | None, sweep: bool) -> str:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from hw.camera.photo_set import FULL_SCALE
 from hw.camera.projection import remapped, rotation
 from hw.emulator.emulated_board import EmulatedBoard
-from optimize.mounting import leds_per_fiber
+from optimize.design import pulse_rates
+from optimize.mounting import leds_per_fiber, pulsed_light
 from render.arrays import Array
 from render.geometry import lens_directions, lens_positions
 from render.scene import RGB
@@ -62,6 +63,9 @@ class EmulatedCamera:
     ``images`` ``(fiber, row, column[, channel])`` are true radiance per unit power at any size,
     ``exposure`` counts per unit radiance, ``power`` ``(fiber,)`` or ``(fiber, color)`` the
     true strength of each fiber, which LED ``i`` of the board feeds, or as many LEDs as it takes.
+
+    LEDs of parts that dim by pulses do so here, each by a clock of its own, where the scene's
+    camera says its exposure time; rows of a camera with a line time are exposed in turn.
     """
 
     scene: Scene
@@ -75,6 +79,8 @@ class EmulatedCamera:
     def __post_init__(self) -> None:
         """Bring the images to the camera's size, as it is tilted."""
         self._rng = np.random.default_rng(self.seed)
+        known = self.scene.camera.exposure_time is not None
+        self._rates = pulse_rates(self.scene) * known
         self._seen = seen_by(self.scene, self.images, self.imperfections)
 
     def capture(self, frames: int = 1) -> Array:
@@ -85,15 +91,37 @@ class EmulatedCamera:
         levels = self.board.levels[: fibers * each].reshape(fibers, 3 * each)[:, :colors]
         lit = levels / 255.0 * power
         on = np.nonzero(lit.any(axis=1))[0]
-        axes = "fyx,fc->yxc" if self._seen.ndim == 3 else "fyxc,fc->yxc"
-        seen_power = lit[on] @ self.imperfections.response
-        light = np.einsum(axes, self.exposure * self._seen[on], seen_power, optimize=True)
-        light = light + self.imperfections.black
-        total = np.zeros_like(light)
-        for _ in range(frames):
+        pulses = self._rates * ((levels > 0) & (levels < 255))
+        total = np.zeros(1)
+        for frame in range(frames):
+            if frame == 0 or pulses.any():
+                light = self._light(self._lit_rows(lit, levels / 255.0, pulses)[:, on], on)
             noisy = light + self.imperfections.noise * self._rng.standard_normal(light.shape)
-            total += np.clip(np.rint(noisy), 0.0, FULL_SCALE)
+            total = total + np.clip(np.rint(noisy), 0.0, FULL_SCALE)
         return np.asarray(total / frames)
+
+    def _light(self, lit: Array, on: NDArray[np.intp]) -> Array:
+        """Return counts of the fibers ``on`` with powers ``lit`` ``(row, fiber, color)``."""
+        axes = "fyx,yfc->yxc" if self._seen.ndim == 3 else "fyxc,yfc->yxc"
+        power = lit @ self.imperfections.response
+        light = np.einsum(axes, self.exposure * self._seen[on], power, optimize=True)
+        return np.asarray(light + self.imperfections.black)
+
+    def _lit_rows(self, lit: Array, duty: Array, pulses: Array) -> Array:
+        """Return the power of every LED while each row is exposed, ``(row, fiber, color)``.
+
+        ``lit`` ``(fiber, color)`` is their mean; ``pulses`` (Hz) says how often an LED comes on,
+        beginning anywhere in a period; 0 where it is steady.
+        """
+        camera = self.scene.camera
+        rows = np.repeat(lit[None], camera.rows, axis=0)
+        starts = 1e-6 * (camera.line_time or 0.0) * np.arange(camera.rows)
+        for fiber, color in np.argwhere(pulses).tolist():
+            hertz = pulses[fiber, color]
+            begin = self._rng.random() + starts * hertz
+            periods = 1e-3 * (camera.exposure_time or 0.0) * hertz
+            rows[:, fiber, color] *= pulsed_light(duty[fiber, color], begin, periods)
+        return rows
 
     def close(self) -> None:
         """Do nothing: there is no camera to give back."""

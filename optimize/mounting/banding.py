@@ -5,12 +5,32 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from optimize.design import part_entries
 from optimize.mounting.mounting import Mounting
 from optimize.readers.camera_model import FULL_SCALE
+from render.arrays import Array
 
 LEAST_COUNTS = 0.5
 """Bands below this are lost in rounding."""
+
+
+def pulsed_light(duty: Array, begin: Array, periods: float) -> Array:
+    """Return the light of exposures to pulses, over their mean; broadcasts.
+
+    An LED is on for the fraction ``duty`` in (0, 1] from the start of each period; exposures begin
+    ``begin`` periods after one and last so many ``periods``.
+
+    >>> pulsed_light(np.array(0.5), np.array([0.0, 0.5, 0.9]), 0.5).round(12).tolist()
+    [2.0, 0.0, 1.6]
+    """
+
+    def until(time: Array) -> Array:
+        whole = np.floor(time)
+        return np.asarray(whole * duty + np.minimum(time - whole, duty))
+
+    return (until(begin + periods) - until(begin)) / (periods * duty)
 
 
 def pulse_ripple(duty: float, periods: float) -> float:

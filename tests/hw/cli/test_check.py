@@ -62,8 +62,9 @@ def test_it_runs_where_neither_torch_nor_a_renderer_is(sweep: Path) -> None:
     done = blocked("check", "--capture", sweep, "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
-    assert set(result) == {"ok", "score", "counts_error", "fibers", "domain_excess"}
+    assert set(result) == {"ok", "score", "counts_error", "fibers", "domain_excess", "bands"}
     assert result["ok"] is True
+    assert result["bands"] == []
     assert len(result["fibers"]) == 20
     assert {fiber["state"] for fiber in result["fibers"]} == {"ok"}
     assert result["score"] == pytest.approx(baseline_score(), abs=1e-3)

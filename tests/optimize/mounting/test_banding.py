@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from optimize.design import DARK, Design, one_led
-from optimize.mounting import Mounting, banding_sentences, mount, pulse_ripple
+from optimize.mounting import Mounting, banding_sentences, mount, pulse_ripple, pulsed_light
 from optimize.placement import searched_scene
 from render.scene import load_scene
 
@@ -27,6 +27,15 @@ def test_ripple_is_that_of_pulses_that_are_exposed(duty: float, periods: float) 
     light = exposed(duty, periods)
     ripple = float(np.ptp(light) / light.mean())
     assert pulse_ripple(duty, periods) == pytest.approx(ripple, abs=2e-3)
+
+
+@pytest.mark.parametrize(("duty", "periods"), [(0.05, 0.2), (0.3, 1.25), (0.9, 3.9)])
+def test_light_of_an_exposure_is_that_of_the_pulses_in_it(duty: float, periods: float) -> None:
+    light = exposed(duty, periods)
+    begin = np.arange(TICKS) / TICKS
+    np.testing.assert_allclose(
+        pulsed_light(np.array(duty), begin, periods), light / light.mean(), atol=0.05
+    )
 
 
 def dimmed(power: float, parts: list[str], **camera: float) -> Mounting:
