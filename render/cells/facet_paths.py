@@ -14,7 +14,6 @@ weights over all the ways in which the same path could have been found (``render
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import drjit as dr
@@ -194,13 +193,9 @@ def radiance_per_node(
     while path < last:
         drawn = light.read(path, lane)
         number = (path + 1) * LIGHT_EVENTS - 1 - offset
-        candidates = [
-            stream.event(number - (i + 1) * JOINED_STRIDE)
-            for i in range(images.repeated if images is not None else 0)
-        ]
         radiance = _connect(
             scene, drawn, camera, stream.event(number), drawn.contribution > 0, guiding, mirror,
-            images, returning, candidates,
+            images, returning,
         )  # fmt: skip
         for j in range(len(sums)):
             weight = dr.gather(mi.Float, light.weight[j], light.index(path, lane))
@@ -229,7 +224,7 @@ def radiance_per_node(
 def _connect(
     scene: mi.Scene, drawn: DrawnVertex, camera: FacetSubpath, numbers: Numbers, active: mi.Bool,
     guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
-    returning: GuidingDistribution | None, candidates: Sequence[Numbers],
+    returning: GuidingDistribution | None,
 ) -> mi.Float:  # fmt: skip
     """Return the light of the drawn vertex over all connections."""
     y, a = drawn.vertex, camera.facet
@@ -259,7 +254,7 @@ def _connect(
     if images is not None:
         number = numbers[0] if mirror is None else numbers[3]
         light += channel_mean(
-            images.connect(scene, over_delta, a, number, active, guiding, returning, candidates)
+            images.connect(scene, over_delta, a, number, active, guiding, returning)
         )
     if mirror is not None:
         reflected = mirror_connection(
