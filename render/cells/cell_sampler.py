@@ -17,8 +17,6 @@ import numpy as np
 
 from render.arrays import Array
 from render.cells.arriving_light import ArrivingLight
-from render.cells.bent_images import BentImages
-from render.cells.box_images import BoxImages
 from render.cells.facet_paths import FacetSubpath, radiance_per_node, trace_facet_subpath
 from render.cells.fiber_light import FiberLight
 from render.cells.guiding import (
@@ -28,11 +26,10 @@ from render.cells.guiding import (
     FacetGuiding,
     FiberGlow,
 )
-from render.cells.lamp_aim import LampAim
-from render.cells.lamp_connections import AimedSubpaths, Lamp
+from render.cells.lamp_connections import Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
-from render.cells.mirror_images import MirrorImages, mirror_faces
+from render.cells.mirror_images import MirrorImages
 from render.cells.sample_shares import SLOTS, near_slots
 from render.geometry import (
     LOWER,
@@ -45,6 +42,7 @@ from render.geometry import (
     half_view,
 )
 from render.optics.pad_scene import pad_scene
+from render.pad import mirror_faces, plane_faces
 from render.sampling.proposals import Splat
 from render.sampling.streams import Stream
 from render.scene import Scene
@@ -69,11 +67,9 @@ CLEAR_ROUGHNESS = 0.05
 NODES = 8
 """Direction nodes come in multiples of it: each number of them is a kernel of its own, which takes
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
-AIMED_MAX, AIMED_MIN = 0.8, 0.1
-"""What of the guided directions goes to the lamp itself, on clear pads and on milky ones."""
-LEARNED_MIN = 0.05
-"""Least part of the guided directions that goes where photons came from; layers that leave less
-of their lamps have none."""
+LEARNED_MAX, LEARNED_MIN = 0.8, 0.05
+"""What of the guided directions goes where photons came from, on clear pads and least; layers that
+leave less of their lamps have none."""
 
 
 def diffuser_depths(scene: Scene) -> Array:
@@ -94,6 +90,26 @@ def lamps_are_seen(scene: Scene) -> bool:
         return True
     smoothest = min(finish.roughness for finish in scene.finishes if finish.paint is None)
     return bool(diffuser_depths(scene).min() < MILKY_DEPTH) or smoothest < CLEAR_ROUGHNESS
+
+
+def has_further_images(scene: Scene) -> bool:
+    """Return whether a layer sends much light to a flat pad over mirrors that face each other.
+
+    No image is beyond them (``render.cells.mirror_images``). They are walls, or the lower face and
+    the upper one of the layer, which has the finish of the pad. A thick layer hides what it sends
+    back, but for metal: without it `rim` keeps 0.990 +- 0.012 of its light (a depth of 8), behind a
+    depth of 0.4 `thin rim` 0.981 +- 0.004 (tests/validation/RESULTS.md).
+    """
+    layer = scene.diffuser
+    if layer is None or layer.sigma_s == 0.0:
+        return False
+    left, tip, right, base, _ = mirror_faces(scene)
+    walls = (left and right) or (base and tip)
+    upper = scene.pad.roughness == 0.0 and scene.pad.index != 1.0
+    thinnest = min(rim for rim in scene.box.rims if rim > 0.0)
+    thin = (layer.sigma_s + layer.sigma_a) * thinnest < MILKY_DEPTH
+    metal = any(finish.metal is not None for finish in scene.finishes)
+    return bool((walls and metal) or (thin and (walls or upper)))
 
 
 @dataclass(frozen=True)
@@ -171,19 +187,16 @@ class PadSampler:
         # Neither glossy vertices nor volumes are found by chance over a mirror.
         self.images: MirrorImages | None = None
         if mirrors.any() and not bonded:
-            if self.mirror.curved:
-                self.images = BentImages(scene, bend, indented)
-            else:
-                self.images = BoxImages(scene)
+            self.images = MirrorImages(plane_faces(scene, bend, indented), scene.pad.index)
         # No lobe about a mirror image passes a bond that refracts, or is as narrow as a mirror.
         self.glossy = None if bonded or mirrors[LOWER] else self.mirror
         # Over images that are not known camera subpaths find vertices in volumes.
         layer = scene.diffuser
-        unknown = bonded or (mirrors.any() and self.mirror.curved)
+        unknown = bonded or (mirrors.any() and bend != 0.0) or has_further_images(scene)
         self.passable = bool(unknown and layer is not None and layer.sigma_s > 0.0)
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
-        self.aim, self.ways, shares = self._ways(scene, bend, mirrors)
+        self.ways, shares = self._ways(scene, bend)
         self.shares = [dr.opaque(mi.Float, share) for share in shares]
         self.guided = SEEN_GUIDED_FRACTION if self.seen else GUIDED_FRACTION
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
@@ -191,24 +204,15 @@ class PadSampler:
         if bonded:
             self.events, self.stride = BONDED_CAMERA_EVENTS, BONDED_CAMERA_STRIDE
 
-    def _ways(
-        self, scene: Scene, bend: float, mirrors: np.ndarray
-    ) -> tuple[LampAim | None, list[Directions], list[float]]:
-        """Return how directions to the lamps are drawn, and the part of each: aims come first."""
+    def _ways(self, scene: Scene, bend: float) -> tuple[list[Directions], list[float]]:
+        """Return how directions to the lamps are drawn, and the part of each."""
         glow = FiberGlow(scene, bend)
-        if not self.seen:
-            return None, [glow], [1.0]
         clear = math.exp(-diffuser_depths(scene).min())
-        # Light from within the pad is straight but for what the lower face reflects.
-        passed = [LOWER if lamp.solid else lamp.face for lamp in scene.placed_lamps()]
-        if mirrors[passed].any() and not self.mirror.curved and not scene.window_refracts:
-            aim, part = LampAim(scene, self.mirror), max(AIMED_MIN, AIMED_MAX * clear)
-            return aim, [aim, glow], [part, 1.0 - part]
-        if clear < LEARNED_MIN:
-            return None, [glow], [1.0]
-        learned = AIMED_MAX * clear
+        if not self.seen or clear < LEARNED_MIN:
+            return [glow], [1.0]
+        learned = LEARNED_MAX * clear
         arriving = ArrivingLight(self.pad, self.light, scene.lamp_count)
-        return None, [arriving, glow], [learned, 1.0 - learned]
+        return [arriving, glow], [learned, 1.0 - learned]
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
@@ -220,22 +224,15 @@ class PadSampler:
             return None
         return Lamp(self.light, fiber, self.scene.pad.index == 1.0)
 
-    def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
-        """Return the subpaths that find lamps behind smooth faces."""
-        if lamp is None or self.aim is None:
-            return None
-        return AimedSubpaths(lamp, self.aim, guiding)
-
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
         first: mi.UInt32, fiber: mi.UInt32,
     ) -> FacetSubpath:  # fmt: skip
         """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
         o, d = pixel_rays(self.scene, column, row, *size)
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return trace_facet_subpath(
-            self.pad, o, d, stream, first, guiding, self.glossy, self.images, lamp,
-            self.aimed(guiding, lamp), self.events, self.passable,
+            self.pad, o, d, stream, first, self.guiding(fiber), self.glossy, self.images,
+            self.lamp(fiber), self.events, self.passable,
         )  # fmt: skip
 
     def radiance(
@@ -243,10 +240,9 @@ class PadSampler:
         offset: mi.UInt32, fiber: mi.UInt32,
     ) -> list[mi.Float]:  # fmt: skip
         """Return, per direction node, what a camera subpath finds; `radiance_per_node` says how."""
-        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return radiance_per_node(
-            self.pad, vertices, lane, subpath, stream, offset, guiding, self.glossy, self.images,
-            lamp, self.aimed(guiding, lamp), self.lobed,
+            self.pad, vertices, lane, subpath, stream, offset, self.guiding(fiber), self.glossy,
+            self.images, self.lamp(fiber), self.lobed,
         )  # fmt: skip
 
     def light_vertices(

@@ -7,30 +7,34 @@ connects to one of them, drawn in proportion to what it may send. Ways that have
 to camera subpaths, which reflect by chance and compete in the balance heuristic for the others as
 well.
 
-What the mirrors are is said by ``BoxImages`` for a flat pad and by ``BentImages`` for a bent one.
+Where the mirrors are is said by the faces of the pad (``render.pad``). On a flat one images lie in
+walls, in the lower face and in all combinations of these, on a bent one in a wall, in an end or a
+strip of the lower face, and in both; where light meets a mirror twice, or two strips, has no image.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+import itertools
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
 
+from render.pad import PlaneFace
 from render.paths.connect import density_at, optical_depth, strategies_before, trace_to_surface
 from render.paths.vertex import Vertex, evaluate_scattering
 from render.paths.walk import GuidingDistribution, SubpathState, guided_pdf
-from render.sampling.streams import Numbers
-from render.scene import Scene
+from render.sampling.reservoirs import OneNumberReservoir
 
 ON_FACE = 1e-3
-"""Distance (mm), and cosine's distance from 1, by which a vertex on a face may miss its plane."""
+"""Distance (mm), and that of unit normals, by which a vertex on a face may miss its plane."""
 COSINE_MIN = 0.1
 """Least cosine in the weights by which images are drawn: facets are tilted, volumes have none."""
+NUMBERS = 10
+"""Of a mirror: normal and plane, direction along it, where it begins and ends, metal or -1."""
+LONGEST = 1e6
+"""mm along a wall, which is bounded by other faces."""
 
 
 @dataclass
@@ -71,46 +75,74 @@ class FoldedLine:
     chosen: mi.Float
 
 
-def mirror_faces(scene: Scene) -> NDArray[np.bool_]:
-    """Return which of `FACES` are mirrors, ``(5,)``: smooth boundaries to the air, and metal."""
-    boundary = scene.pad.index != 1.0
-    return np.array(
-        [(boundary and finish.smooth) or finish.metal is not None for finish in scene.finishes]
-    )
+class MirrorImages:
+    """The mirrors of one pad: those of its plane faces that are smooth or metal.
 
-
-def metal_faces(scene: Scene) -> NDArray[np.float64]:
-    """Return what the metal on `FACES` reflects, ``(5,)``; -1 where there is none."""
-    metals = [finish.metal for finish in scene.finishes]
-    return np.array([-1.0 if metal is None else metal for metal in metals])
-
-
-class MirrorImages(ABC):
-    """The mirrors of one pad: those of its faces that are smooth or metal.
-
-    An image takes of each axis one of ``sizes`` mirrors or none (0); their order along the way does
-    not matter, as those of different axes are at right angles. Image 0 takes none.
+    An image takes of each group of faces (`render.pad.plane_faces`) one mirror or none; their order
+    along the way does not matter, as groups are at right angles. Image 0 takes none, as mirror 0 is
+    none.
     """
 
-    sizes: tuple[int, ...]
-    repeated: int = 0
-    """Events of numbers that `draw` takes for images over mirrors that face each other."""
-    index: mi.Float
-    metal: mi.Float | None
-    """What the metal of each plane reflects, by its number; -1 without. None: there is no metal."""
+    def __init__(self, groups: list[list[PlaneFace]], index: float) -> None:
+        """List mirrors of ``groups`` of faces beside silicone of this ``index``, and images."""
+        mirrors = [[face for face in group if face.is_mirror] for group in groups]
+        numbers, rows, alone, group_of = [], [[0.0] * NUMBERS], [0], [0]
+        stride = 1
+        for group, faces in enumerate(mirrors):
+            first = len(rows)
+            numbers.append([0, *range(first, first + len(faces))])
+            for digit, face in enumerate(faces, 1):
+                rows.append(_row(face))
+                alone.append(digit * stride)
+                group_of.append(group)
+            stride *= len(faces) + 1
+        # The first group varies fastest.
+        taken = np.array([each[::-1] for each in itertools.product(*numbers[::-1])])
+        self.groups = len(groups)
+        self.metal = any(face.finish.metal is not None for group in mirrors for face in group)
+        self.index, self.count = mi.Float(index), mi.UInt32(stride)
+        self.mirrors = mi.UInt32(len(rows))
+        self.rows = mi.Float(np.array(rows, dtype=np.float32).ravel())
+        self.taken, self.alone, self.group_of = (
+            mi.UInt32(np.array(each, dtype=np.uint32).ravel()) for each in (taken, alone, group_of)
+        )
+        dr.make_opaque(
+            self.index, self.count, self.mirrors, self.rows, self.taken, self.alone, self.group_of
+        )
 
-    @property
-    def count(self) -> int:
-        """Combinations of mirrors."""
-        return int(np.prod(self.sizes))
+    def _mirrors_of(self, image: mi.UInt32) -> list[mi.UInt32]:
+        """Return the mirror of each group that an image takes, 0 for none."""
+        return [
+            dr.gather(mi.UInt32, self.taken, self.groups * image + i) for i in range(self.groups)
+        ]
 
-    @abstractmethod
+    def _inward(self, mirror: mi.UInt32) -> mi.Vector3f:
+        """Return a mirror's normal into the pad; 0 for none."""
+        return mi.Vector3f(*(self._number(mirror, i) for i in range(3)))
+
+    def _number(self, mirror: mi.UInt32, column: int) -> mi.Float:
+        return dr.gather(mi.Float, self.rows, NUMBERS * mirror + column)
+
+    def _across(self, mirror: mi.UInt32, p: mi.Point3f) -> tuple[mi.Float, mi.Float]:
+        """Return where ``p`` is along a mirror, from where it begins, and how far inside; mm."""
+        along = mi.Vector3f(*(self._number(mirror, i) for i in (4, 5, 6)))
+        inside = dr.dot(p, self._inward(mirror)) - self._number(mirror, 3)
+        return dr.dot(p, along) - self._number(mirror, 7), inside
+
     def point(self, image: mi.UInt32, p: mi.Point3f) -> mi.Point3f:
         """Return the image of ``p``."""
+        result = mi.Point3f(p)
+        for mirror in self._mirrors_of(image):
+            result -= 2.0 * self._across(mirror, p)[1] * self._inward(mirror)
+        return result
 
-    @abstractmethod
     def folded(self, image: mi.UInt32, direction: mi.Vector3f) -> mi.Vector3f:
         """Return ``direction`` after all mirrors of ``image``."""
+        result = mi.Vector3f(direction)
+        for mirror in self._mirrors_of(image):
+            inward = self._inward(mirror)
+            result -= 2.0 * dr.dot(direction, inward) * inward
+        return result
 
     def line(self, image: mi.UInt32, a: mi.Point3f, p: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
         """Return the direction from ``a`` to the image of ``p``, and what light spreads to there.
@@ -121,100 +153,104 @@ class MirrorImages(ABC):
         squared = dr.maximum(dr.squared_norm(span), 1e-12)
         return span * dr.rsqrt(squared), squared
 
-    @abstractmethod
-    def draw(
-        self, a: Vertex, y: Vertex, number: mi.Float, candidates: Sequence[Numbers] = ()
-    ) -> tuple[mi.UInt32, mi.Float]:
-        """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``.
+    def _weight(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
+        """Return what ``y`` may send to ``a`` by an image, without visibility; 0 without one."""
+        direction, squared = self.line(image, a.p, y.p)
+        sent = -self.folded(image, direction)
+        weight = dr.maximum(dr.dot(a.n, direction), COSINE_MIN) / dr.maximum(squared, 1e-6)
+        weight *= dr.select(y.volume, 1.0, dr.maximum(dr.dot(y.n, sent), COSINE_MIN))
+        for mirror in self._mirrors_of(image):
+            # Where the line crosses the strip.
+            (along_a, inside_a), (along_y, inside_y) = (self._across(mirror, v.p) for v in (a, y))
+            crossed = along_a * inside_y + along_y * inside_a
+            length = self._number(mirror, 8) * (inside_a + inside_y)
+            meets = (inside_a > 0) & (inside_y > 0) & (crossed >= 0) & (crossed <= length)
+            reflected = self.reflectance(mirror, dr.dot(direction, self._inward(mirror)))
+            weight *= dr.select(mirror > 0, dr.select(meets, reflected, 0.0), 1.0)
+        return weight
 
-        ``candidates`` are the numbers of `repeated` events.
-        """
+    @dr.syntax
+    def draw(self, a: Vertex, y: Vertex, number: mi.Float) -> tuple[mi.UInt32, mi.Float]:
+        """Return an image of ``y`` for ``a`` and its probability, for a uniform ``number``."""
+        image = mi.UInt32(1)
+        drawn = OneNumberReservoir.drawing(mi.UInt32(0), number)
+        while image < self.count:
+            drawn = drawn.offered(image, self._weight(image, a, y))
+            image += 1
+        return drawn.item, drawn.probability()
 
-    @abstractmethod
+    @dr.syntax
     def probability(self, image: mi.UInt32, a: Vertex, y: Vertex) -> mi.Float:
         """Return the probability with which ``draw`` finds ``image``."""
+        other, total, weight = mi.UInt32(1), mi.Float(0.0), mi.Float(0.0)
+        while other < self.count:
+            here = self._weight(other, a, y)
+            total += here
+            weight = dr.select(other == image, here, weight)
+            other += 1
+        return dr.select(weight > 0, weight / total, 0.0)
 
-    @abstractmethod
-    def _mirror(self, v: Vertex) -> mi.UInt32:
-        """Return the image over the one mirror that ``v`` lies in, 0 if in none."""
-
-    @abstractmethod
-    def _plane(self, mirror: mi.UInt32) -> mi.UInt32:
-        """Return the number of the plane that an image over one mirror takes."""
+    @dr.syntax
+    def mirror_at(self, v: Vertex) -> mi.UInt32:
+        """Return the mirror that ``v`` lies in, 0 if in none."""
+        # Neighbors are nearly parallel: the one whose normal is nearest.
+        found, best, mirror = mi.UInt32(0), mi.Float(ON_FACE), mi.UInt32(1)
+        while mirror < self.mirrors:
+            (along, inside), inward = self._across(mirror, v.p), self._inward(mirror)
+            there = (dr.abs(inside) < ON_FACE) & (along > -ON_FACE)
+            there &= along < self._number(mirror, 8) + ON_FACE
+            # Normals point out of boundaries, and into the pad from metal.
+            turned = dr.norm(inward - dr.mulsign(1.0, dr.dot(v.n, inward)) * mi.Vector3f(v.n))
+            nearer = there & (turned < best)
+            best = dr.select(nearer, turned, best)
+            found = dr.select(nearer, mirror, found)
+            mirror += 1
+        return dr.select(v.delta, found, 0)
 
     def follow(self, b: Vertex, d: mi.Vector3f, left: mi.UInt32, going: mi.Bool) -> FoldedLine:
         """Follow a line along ``d`` at ``b``, before which the mirrors of ``left`` lie."""
-        mirror = self._mirror(b)
-        rest = self._without(left, mirror)
-        meets = going & (mirror > 0) & (rest < self.count)
-        reflected, chosen = self.met_at(self._plane(mirror), dr.dot(b.n, d))
-        return FoldedLine(
-            meets, meets & (rest > 0), rest, self.folded(mirror, d), reflected, chosen
-        )
+        mirror = self.mirror_at(b)
+        meets = going & (mirror > 0) & (self._in_group_of(mirror, left) == mirror)
+        alone = dr.gather(mi.UInt32, self.alone, mirror)
+        rest = dr.select(meets, left - alone, 0)
+        reflected, chosen = self.met_at(mirror, dr.dot(b.n, d))
+        return FoldedLine(meets, meets & (rest > 0), rest, self.folded(alone, d), reflected, chosen)
 
     def extend(self, chain: ImageChain, v: Vertex, d: mi.Vector3f) -> ImageChain:
         """Return ``chain`` with the mirror at ``v``, at which a camera subpath arrived by ``d``."""
-        mirror = self._mirror(v)
-        fits = chain.open & (mirror > 0) & ~self._taken(chain.image, mirror)
-        _, chosen = self.met_at(self._plane(mirror), dr.dot(v.n, d))
-        chance = chain.chance * chosen
-        return ImageChain(chain.image + mirror, fits, chance, chain.depth, chain.d_vcm)
+        mirror = self.mirror_at(v)
+        fits = chain.open & (mirror > 0) & (self._in_group_of(mirror, chain.image) == 0)
+        _, chosen = self.met_at(mirror, dr.dot(v.n, d))
+        image = chain.image + dr.select(fits, dr.gather(mi.UInt32, self.alone, mirror), 0)
+        return ImageChain(image, fits, chain.chance * chosen, chain.depth, chain.d_vcm)
 
-    def reflectance(self, plane: mi.UInt32, cosine: mi.Float) -> mi.Float:
-        """Return what a plane reflects in the pad; ``cosine`` is that of incidence."""
+    def _in_group_of(self, mirror: mi.UInt32, image: mi.UInt32) -> mi.UInt32:
+        """Return the mirror that an image takes of the group of ``mirror``."""
+        group = dr.gather(mi.UInt32, self.group_of, mirror)
+        return dr.gather(mi.UInt32, self.taken, self.groups * image + group)
+
+    def reflectance(self, mirror: mi.UInt32, cosine: mi.Float) -> mi.Float:
+        """Return what a mirror reflects in the pad; ``cosine`` is that of incidence."""
         reflected = mi.fresnel(-dr.abs(cosine), self.index)[0]
-        if self.metal is None:
+        if not self.metal:
             return reflected
-        metal = dr.gather(mi.Float, self.metal, plane)
+        metal = self._number(mirror, 9)
         return dr.select(metal < 0, reflected, metal)
 
-    def met_at(self, plane: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
+    def met_at(self, mirror: mi.UInt32, cosine: mi.Float) -> tuple[mi.Float, mi.Float]:
         """Return what a mirror reflects, and the chance that a path is reflected.
 
         It is reflected by chance where it could leave the pad, and always by metal.
         """
-        reflected = self.reflectance(plane, cosine)
-        if self.metal is None:
+        reflected = self.reflectance(mirror, cosine)
+        if not self.metal:
             return reflected, reflected
-        metal = dr.gather(mi.Float, self.metal, plane) >= 0
-        return reflected, dr.select(metal, 1.0, reflected)
-
-    def _digits(self, image: mi.UInt32) -> list[mi.UInt32]:
-        """Return which mirror of each axis an image takes, 0 for none."""
-        digits = []
-        for size in self.sizes[:-1]:
-            digits.append(image % size)
-            image = image // size
-        return [*digits, image]
-
-    def _combined(self, digits: list[mi.UInt32]) -> mi.UInt32:
-        """Return the image that takes these mirrors."""
-        image, radix = mi.UInt32(0), 1
-        for digit, size in zip(digits, self.sizes, strict=True):
-            image += radix * digit
-            radix *= size
-        return image
-
-    def _without(self, image: mi.UInt32, mirror: mi.UInt32) -> mi.UInt32:
-        """Return ``image`` without a mirror that it takes; `count` or more where it does not."""
-        kept = [
-            dr.select(other == 0, digit, dr.select(digit == other, 0, self.count))
-            for digit, other in zip(self._digits(image), self._digits(mirror), strict=True)
-        ]
-        return self._combined(kept)
-
-    def _taken(self, image: mi.UInt32, mirror: mi.UInt32) -> mi.Bool:
-        """Return whether ``image`` has a mirror on an axis of ``mirror`` already."""
-        taken = mi.Bool(False)
-        for one, other in zip(self._digits(image), self._digits(mirror), strict=True):
-            taken |= (one > 0) & (other > 0)
-        return taken
+        return reflected, dr.select(self._number(mirror, 9) >= 0, 1.0, reflected)
 
     @dr.syntax
     def connect(
         self, scene: mi.Scene, y: Vertex, a: Vertex, number: mi.Float, active: mi.Bool,
         guiding: GuidingDistribution, returning: GuidingDistribution | None = None,
-        candidates: Sequence[Numbers] = (),
     ) -> mi.Spectrum:  # fmt: skip
         """Return the MIS-weighted light that facet ``a`` gets from ``y`` over one image.
 
@@ -223,7 +259,7 @@ class MirrorImages(ABC):
         sample facets of the camera, so no strategy behind ``a`` competes.
         """
         active = active & (y.weight > 0) & (a.weight > 0)
-        image, probability = self.draw(a, y, number, candidates)
+        image, probability = self.draw(a, y, number)
         direction, spread = self.line(image, a.p, y.p)
         w = -self.folded(image, direction)
         f_a, p_a, _ = evaluate_scattering(a, direction, mi.TransportMode.Radiance, active)
@@ -277,3 +313,10 @@ class MirrorImages(ABC):
         following = self.extend(chain, v, state.d)
         following.depth = chain.depth + state.depth
         return following, d_vcm
+
+
+def _row(face: PlaneFace) -> list[float]:
+    """Return the `NUMBERS` of a mirror."""
+    plane, begin = float(face.inward @ face.point), float(face.along @ face.point)
+    metal = -1.0 if face.finish.metal is None else face.finish.metal
+    return [*face.inward, plane, *face.along, begin, min(face.length, LONGEST), metal]

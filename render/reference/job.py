@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
     from render.sampling.pssmlt import MarkovChains
 
-VERSION = 20
+VERSION = 21
 SHARED_VERSION = 4
 """Of renders of all lamps at once (``render.cells.choose_sampler``)."""
 Sampler = Literal["monte-carlo", "pssmlt"]

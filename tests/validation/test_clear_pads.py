@@ -171,11 +171,16 @@ def test_light_of_a_rim_comes_over_the_smooth_faces_of_a_bent_pad() -> None:
         assert np.sqrt((result.z**2).mean()) < 1.6
 
 
-@pytest.mark.parametrize("case", ["thin rim", "thin rim between mirrors"])
-def test_light_of_a_rim_comes_over_its_upper_face_and_to_and_fro_between_walls(case: str) -> None:
+@pytest.mark.parametrize(
+    ("case", "most"), [("thin rim", 0.015), ("thin rim between mirrors", 0.06)]
+)
+def test_light_of_a_rim_comes_over_its_upper_face_and_to_and_fro_between_walls(
+    case: str, most: float
+) -> None:
+    """What goes to and fro between mirrors of metal is found by chance, and bars say so."""
     for result in compared(case, samples=6000):
         assert abs(result.ratio - 1) < 3.5 * result.error
-        assert result.error < 0.015
+        assert result.error < most
         assert np.sqrt((result.z**2).mean()) < 1.45
 
 

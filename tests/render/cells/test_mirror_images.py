@@ -9,11 +9,12 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from render.cells.box_images import BoxImages
 from render.cells.guiding import GUIDED_FRACTION, FacetGuiding, FiberGlow
+from render.cells.mirror_images import MirrorImages
 from render.optics.pad_scene import pad_scene
+from render.pad import plane_faces
 from render.paths.vertex import Vertex, empty_vertex
-from render.scene import Scene
+from render.scene import FACES, Scene
 from tests.oracles.pads import scene_of_case
 
 
@@ -32,7 +33,7 @@ def straight_to_the_glow(
     return FacetGuiding([FiberGlow(scene, bend)], [one], GUIDED_FRACTION, fiber)
 
 
-def connected(mono: ModuleType, scene: Scene, images: BoxImages, count: int) -> np.ndarray:
+def connected(mono: ModuleType, scene: Scene, images: MirrorImages, count: int) -> np.ndarray:
     """Return the light between `A` and `Y` on a skin of albedo 0.5, over one image each time."""
     pad: Any = pad_scene(scene, 0.0, False)
     # Pointers do not keep it alive.
@@ -50,20 +51,24 @@ def connected(mono: ModuleType, scene: Scene, images: BoxImages, count: int) -> 
     return np.array(found, dtype=np.float64).ravel()
 
 
+def images_of(scene: Scene) -> MirrorImages:
+    return MirrorImages(plane_faces(scene, 0.0, False), scene.pad.index)
+
+
 @pytest.fixture(scope="module")
-def images(mono: ModuleType) -> BoxImages:
-    return BoxImages(scene_of_case("smooth"))
+def images(mono: ModuleType) -> MirrorImages:
+    return images_of(scene_of_case("smooth"))
 
 
 A, Y = [1.0, 2.0, 4.5], [-6.0, -3.0, 4.5]
 
 
 def test_an_image_lies_behind_its_mirrors_and_twice_mirrored_is_the_point(
-    mono: ModuleType, images: BoxImages
+    mono: ModuleType, images: MirrorImages
 ) -> None:
     p = mono.Point3f(*Y)
     # x over the wall at -10, y over none, z over the lower face.
-    image = mono.UInt32(1 + images.sizes[0] * images.sizes[1])
+    image = mono.UInt32(1 + 9)
     np.testing.assert_allclose(np.array(images.point(image, p)).ravel(), [-14.0, -3.0, -4.5])
     np.testing.assert_allclose(
         np.array(images.point(image, images.point(image, p))).ravel(), Y, atol=1e-5
@@ -71,7 +76,7 @@ def test_an_image_lies_behind_its_mirrors_and_twice_mirrored_is_the_point(
 
 
 def test_images_are_drawn_with_the_probability_that_is_stated(
-    mono: ModuleType, images: BoxImages
+    mono: ModuleType, images: MirrorImages
 ) -> None:
     count = 1 << 16
     a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
@@ -80,13 +85,7 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     drawn, stated = np.array(drawn), np.array(stated)
     assert drawn.min() >= 1
     total = 0.0
-    for number in range(1, 18):
-        # Without a layer the near images are all.
-        image = (
-            number % 3
-            + number // 3 % 3 * images.sizes[0]
-            + number // 9 * images.sizes[0] * images.sizes[1]
-        )
+    for image in range(1, 18):
         probability = float(
             dr.slice(
                 images.probability(mono.UInt32(image), on_coating(mono, A), on_coating(mono, Y))
@@ -99,11 +98,13 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     assert total == pytest.approx(1.0, rel=1e-5)
 
 
-def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
-    mono: ModuleType, images: BoxImages
+@pytest.mark.parametrize("case", ["smooth", "mirror walls"])
+def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
+    mono: ModuleType, case: str
 ) -> None:
-    scene, count = scene_of_case("smooth"), 1 << 14
-    values = connected(mono, scene, images, count)
+    scene, count = scene_of_case(case), 1 << 14
+    values = connected(mono, scene, images_of(scene), count)
+    metal = {face: scene.finish(face).metal for face in FACES}
 
     def fresnel(cosine: float) -> float:
         squared = 1 - scene.pad.index**2 * (1 - cosine**2)
@@ -114,17 +115,22 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
         p = (cosine - n * out) / (cosine + n * out)
         return float((s**2 + p**2) / 2)
 
+    def reflectance(face: str | None, cosine: float) -> float:
+        if face is None:
+            return 1.0
+        reflected = metal[face]
+        return fresnel(abs(cosine)) if reflected is None else reflected
+
     # Every image that the box has, in closed form; both cosines are that to the normal, z.
     total = 0.0
-    half_width, half_length = scene.pad.width / 2, scene.pad.length / 2
-    for x in (Y[0], -2 * half_width - Y[0], 2 * half_width - Y[0]):
-        for along in (Y[1], -2 * half_length - Y[1], 2 * half_length - Y[1]):
+    width, length = scene.pad.width, scene.pad.length
+    for side, x in ((None, Y[0]), ("left", -width - Y[0]), ("right", width - Y[0])):
+        for end, along in ((None, Y[1]), ("base", -length - Y[1]), ("tip", length - Y[1])):
             # Without the lower face the way would lie in the coating.
             span = np.array([x, along, -Y[2]]) - A
             d = span / np.linalg.norm(span)
-            reflected = fresnel(abs(d[2]))
-            reflected *= fresnel(abs(d[0])) if x != Y[0] else 1.0
-            reflected *= fresnel(abs(d[1])) if along != Y[1] else 1.0
+            reflected = reflectance("lower", d[2]) * reflectance(side, d[0])
+            reflected *= reflectance(end, d[1])
             total += (0.5 / np.pi) ** 2 * d[2] ** 2 * reflected / (span @ span)
     error = values.std() / np.sqrt(count)
     assert error < 0.02 * total

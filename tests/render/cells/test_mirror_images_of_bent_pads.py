@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from render.arrays import Array
-from render.cells.bent_images import BentImages
+from render.cells.mirror_images import ImageChain, MirrorImages
 from render.geometry.meshes import pad_grid
+from render.pad import plane_faces
 from render.paths.vertex import Vertex, empty_vertex
-from tests.oracles.pads import scene_of_case
-from tests.render.cells.test_box_images import straight_to_the_glow
+from render.scene import Scene
+from tests.oracles.pads import CASES, painted, scene_of_case
+from tests.render.cells.test_mirror_images import straight_to_the_glow
 
 BEND = np.pi / 4
 SCENE = scene_of_case("smooth bent 45")
@@ -48,13 +50,17 @@ def on_coating(mono: ModuleType, place: tuple[float, float], count: int = 1) -> 
     return v
 
 
+def images_of(scene: Scene) -> MirrorImages:
+    return MirrorImages(plane_faces(scene, BEND, False), scene.pad.index)
+
+
 @pytest.fixture(scope="module")
-def images(mono: ModuleType) -> BentImages:
-    return BentImages(SCENE, BEND, False)
+def images(mono: ModuleType) -> MirrorImages:
+    return images_of(SCENE)
 
 
 def test_images_are_drawn_with_the_probability_that_is_stated(
-    mono: ModuleType, images: BentImages
+    mono: ModuleType, images: MirrorImages
 ) -> None:
     count = 1 << 16
     number = mono.Float(np.random.default_rng(3).random(count).astype(np.float32))
@@ -80,12 +86,17 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     assert total == pytest.approx(1.0, abs=1e-3)
 
 
-def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
-    mono: ModuleType, images: BentImages
+@pytest.mark.parametrize("metal", [(), ("right", "base")])
+def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
+    mono: ModuleType, metal: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from render.optics.pad_scene import pad_scene
 
-    pad: Any = pad_scene(SCENE, BEND, False)
+    faces = [painted("mirror", *metal, reflectance=0.6)] if metal else []
+    monkeypatch.setitem(CASES, "this", CASES["smooth bent 45"] | {"faces": faces})
+    scene = scene_of_case("this")
+    images = images_of(scene)
+    pad: Any = pad_scene(scene, BEND, False)
     bsdf = mono.load_dict({"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.5}})
     count = 1 << 15
     a, y = on_coating(mono, A, count), on_coating(mono, Y, count)
@@ -106,6 +117,12 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
         p = (cosine - n * out) / (cosine + n * out)
         return float((s**2 + p**2) / 2)
 
+    def reflectance(face: str | None, cosine: float) -> float:
+        if face is None:
+            return 1.0
+        finish = scene.finish(face)
+        return fresnel(abs(cosine)) if finish.metal is None else finish.metal
+
     # Every strip and both ends by Fermat: the shortest of many ways over points of the segment,
     # which is a reflection where it is not an end of it.
     lines = pad_grid(SCENE, BEND, False).y
@@ -118,8 +135,10 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
     n_a, n_y = (np.array(v.n)[:, 0].astype(np.float64) for v in (a, y))
     part = np.linspace(0.0, 1.0, 20_001)[:, None]
     total = 0.0
-    for x in (p_y[0], -PAD.width - p_y[0], PAD.width - p_y[0]):
-        for begin, end in itertools.pairwise(outline):
+    names = ["base", *["lower"] * (len(lines) - 1), "tip"]
+    sides = ((None, p_y[0]), ("left", -PAD.width - p_y[0]), ("right", PAD.width - p_y[0]))
+    for side, x in sides:
+        for name, (begin, end) in zip(names, itertools.pairwise(outline), strict=True):
             place = begin + part * (end - begin)
             legs = np.hypot(*(place - p_a[1:]).T), np.hypot(*(place - p_y[1:]).T)
             least = int((legs[0] + legs[1]).argmin())
@@ -132,8 +151,8 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
             leave, arrive = leave / distance, arrive / distance
             normal = np.array([end[1] - begin[1], begin[0] - end[0]])
             normal /= np.hypot(*normal)
-            reflected = fresnel(abs(leave[1:] @ normal))
-            reflected *= fresnel(abs(across / distance)) if x != p_y[0] else 1.0
+            reflected = reflectance(name, leave[1:] @ normal)
+            reflected *= reflectance(side, across / distance)
             cosines = max(leave @ n_a, 0.0) * max(arrive @ n_y, 0.0)
             total += (0.5 / np.pi) ** 2 * cosines * reflected / distance**2
     error = values.std() / np.sqrt(count)
@@ -143,14 +162,13 @@ def test_light_over_one_image_is_fresnels_part_of_the_inverse_square_law(
 
 def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: ModuleType) -> None:
     """Where nothing else competes and both are as likely as each other, each counts half."""
-    from render.cells.mirror_images import ImageChain
     from render.optics.pad_scene import pad_scene
     from render.paths.connect import optical_depth, trace_to_surface
     from render.paths.vertex import evaluate_scattering
     from render.paths.walk import begin_subpath, guided_pdf
 
     scene = scene_of_case("rim bent 45")
-    pad, images = pad_scene(scene, BEND, False), BentImages(scene, BEND, False)
+    pad, images = pad_scene(scene, BEND, False), images_of(scene)
     shapes = {shape.id(): shape for shape in pad.shapes()}
     (medium,) = {s.interior_medium() for s in shapes.values()} - {None}
     count = 1 << 12
@@ -163,7 +181,7 @@ def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: 
     y.p = mono.Point3f(y.p + 2.0 * inward)
     number = mono.Float(np.random.default_rng(5).random(count).astype(np.float32))
     image, _ = images.draw(a, y, number)
-    active = (image > 0) & (image % images.sizes[0] == 0)  # over one strip alone
+    active = (image > 0) & (image % 3 == 0)  # over one strip alone
     guiding = straight_to_the_glow(mono, scene, count, BEND)
     # ------------------------ The camera subpath: to the strip, and on to y -----------------
     direction = dr.normalize(images.point(image, y.p) - a.p)
@@ -184,3 +202,16 @@ def test_an_image_and_a_camera_subpath_to_a_volume_weigh_each_other_alike(mono: 
     assert known.sum() > count // 8
     half = np.array(both).ravel() / np.maximum(np.array(alone).ravel(), 1e-30)
     np.testing.assert_allclose(half[known], 0.5, rtol=1e-3)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_vertex_lies_in_the_strip_or_end_that_it_is_on_whichever_way_normals_point(
+    mono: ModuleType, images: MirrorImages, side: float
+) -> None:
+    """Those of metal point into the pad, those of boundaries to the air out of it."""
+    walls, outline = plane_faces(SCENE, BEND, False)
+    v = empty_vertex()
+    v.p = mono.Point3f(np.array([f.point + 0.5 * f.length * f.along for f in outline]).T)
+    v.n = mono.Normal3f(side * np.array([f.inward for f in outline]).T)
+    v.delta = mono.Bool(True)
+    np.testing.assert_array_equal(images.mirror_at(v), len(walls) + 1 + np.arange(len(outline)))
