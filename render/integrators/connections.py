@@ -78,9 +78,10 @@ class Partners:
         self.sensor, self.aperture = tracer.sensor, aperture
         self.lens_weight = PROJECTION_WEIGHT if shared else 1.0
         self.edges_max = tracer.limits.edges()
-        self.per_round = dr.opaque(mi.UInt32, PROXY_COUNT if shared else 1)
-        self.count = cache.groups.paths * cache.slots
-        self.rounds = (self.count + self.per_round - 1) // self.per_round
+        count, per_round = cache.groups.path_count * cache.slots, PROXY_COUNT if shared else 1
+        self.count, self.per_round, self.rounds = (
+            dr.opaque(mi.UInt32, n) for n in (count, per_round, -(-count // per_round))
+        )
         self.final = self.rounds + int(shared)
         main = self.end(mi.UInt32(MAIN))[0].vertex.p
         self.neighbors = MortonNeighbors(cache.proxies, cache.groups, main) if shared else None

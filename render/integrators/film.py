@@ -50,7 +50,7 @@ class PixelFilter:
         """
         found = [(mi.UInt32(0), mi.Float(0.0))] * 2
         axis, number = mi.UInt32(0), mi.Float(0.0)
-        while axis < 4:
+        while dr.hint(axis < 4, exclude=[positions, numbers]):
             first, column = axis < 2, (axis & 1) == 0
             pixel, weight = found[1]
             position = dr.select(first, *positions)
@@ -58,8 +58,8 @@ class PixelFilter:
             size = dr.select(column, mi.UInt32(self.width), mi.UInt32(self.height))
             chosen = dr.minimum(mi.UInt32(dr.maximum(x, 0.0)), size - 1)
             along = mi.Float(1.0)
+            number = dr.select(column, dr.select(first, *numbers), number)
             if not self.box:
-                number = dr.select(column, dr.select(first, *numbers), number)
                 chosen, total, number = self._drawn(x, chosen, size, number)
                 place = chosen + dr.select(column, 0, self.width)
                 along = total / dr.gather(mi.Float, self.integrals, place)
@@ -78,7 +78,7 @@ class PixelFilter:
         step, total, left = mi.Int32(0), mi.Float(0.0), mi.Float(0.0)
         chosen, again = mi.UInt32(cell), mi.Float(number)
         # All are summed up; then one is drawn.
-        while step < 2 * around:
+        while dr.hint(step < 2 * around, exclude=[x, cell, size, number]):
             draws = step >= around
             place = mi.Int32(cell) + step - dr.select(draws, around, 0) - self.reach
             value = self.filter.eval(x - 0.5 - place)

@@ -133,7 +133,7 @@ class FilmSampler:
         """Return where camera subpaths begin."""
         place = mi.Point2f(numbers[0], numbers[1])
         if self.groups is not None:
-            place = self.groups.film_positions(lane, numbers, self.height)
+            place = self.groups.film_positions(lane, numbers)
         free, *lens = further[:3]
         aperture = mi.Point2f(*lens)
         ray, beta = self.sensor.sample_ray(mi.Float(0.0), mi.Float(0.5), place, aperture)
@@ -155,5 +155,5 @@ class FilmSampler:
     def sharing(self, lanes: int, groups: int, paths: int) -> FilmSampler:
         """Return this sampler for plain Monte Carlo, whose lanes share as in ``LaneGroups``."""
         other = copy(self)
-        other.groups = LaneGroups(lanes, groups, paths)
+        other.groups = LaneGroups(lanes, groups, paths, self.height)
         return other

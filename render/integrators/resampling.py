@@ -21,6 +21,7 @@ import mitsuba as mi
 from render.integrators.medium_boxes import OPTICAL_DEPTH_MAX, MediumBoxes
 from render.integrators.mirror_connections import MirrorSet
 from render.integrators.subpaths import SubpathVertex
+from render.paths.records import write_row
 from render.paths.vertex import (
     Vertex,
     channel_mean,
@@ -166,26 +167,21 @@ class PackedProxies:
     def __init__(self, proxies: LightProxies) -> None:
         """Write the rows; a count of edges is exact as a float32."""
         count = dr.width(proxies.power)
-        row = 3 * dr.arange(mi.UInt32, count)
         volume = dr.select(proxies.volume, mi.UInt32(1), 0)
         wide = dr.select(proxies.wide, mi.UInt32(2), 0)
         rest = mi.Float(volume | wide | (proxies.edges << 2))
-        self.rows = dr.empty(mi.Float, 12 * count)
-        p, back = proxies.p, proxies.back
+        self.rows = dr.empty(mi.Float, PROXY_WORDS * count)
         # Flags that are the same for all are known when kernels are compiled.
         self.known = {
             name: flag
             for name, flag in (("volume", proxies.volume), ("wide", proxies.wide))
             if flag.state == dr.VarState.Literal
         }
-        loads = (
-            mi.Vector4f(p.x, p.y, p.z, proxies.power),
-            mi.Vector4f(back.x, back.y, back.z, proxies.d_vcm),
-            mi.Vector4f(proxies.d_vc, proxies.d_vc_passing, rest, proxies.peak),
-        )
-        for i, load in enumerate(loads):
-            # Said to be apart, all of them are written by one kernel.
-            dr.scatter(self.rows, load, row + i, mode=dr.ReduceMode.NoConflicts)
+        words = [
+            *proxies.p, proxies.power, *proxies.back, proxies.d_vcm, proxies.d_vc,
+            proxies.d_vc_passing, rest, proxies.peak,
+        ]  # fmt: skip
+        write_row(self.rows, words, dr.arange(mi.UInt32, count))
 
     def gather(self, index: mi.UInt32, active: mi.Bool | bool = True) -> LightProxies:
         """Return the proxies at ``index``."""

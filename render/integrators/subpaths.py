@@ -214,7 +214,10 @@ class SubpathTracer:
         unit = dr.select(of_light, dr.rcp(dr.maximum(dr.max(start.ray.beta), 1e-30)), 1.0)
         edges_max, roulette = self.limits.edges(), self.limits.roulette()
         active = dr.max(start.ray.beta) > 0  # lanes under way
-        while active:
+        # What a loop does not change is no part of its state: to find that, it is traced twice.
+        while dr.hint(
+            active, exclude=[start, stream, slots, of_light, unit, edges_max, roulette]
+        ):
             edges, event = walk.edges, walk.event
             v, met, arrived, escaped = self._arrive(start, walk, active)
             # ------------ Emitters and direct light, or what is sent to the camera ------------
@@ -222,7 +225,8 @@ class SubpathTracer:
             scattering, numbers, further = stream.events(*several)
             allowed = arrived & ~v.delta & (edges < edges_max)
             square, found = mi.Point2f(numbers[1], numbers[2]), mi.Spectrum(0.0)
-            lit, seen = allowed & ~of_light, allowed & of_light
+            from_camera = ~of_light
+            lit, seen = allowed & from_camera, allowed & of_light
             sample = self.emission.seen_from(v, numbers[0], square, lit)
             lens, importance, seen = lens_seen_from(self.sensor, v, start.place, seen)
             seen |= lit & (sample.pdf > 0) & (dr.max(sample.received) > 0)
@@ -232,7 +236,7 @@ class SubpathTracer:
             # To the lens in a vacuum, nothing in the way.
             sent = channel_mean(v.beta * scattered[0] * importance)
             sent = dr.select(seen & of_light, sent, 0.0)
-            if ~of_light:
+            if from_camera:
                 found = met + self.emission.direct(v, sample, scattered, seen)
             walk.radiance += found
             # ----------------------------- Keep it, or do not ---------------------------------

@@ -41,43 +41,47 @@ class LaneGroups:
     of the group's light subpaths.
     """
 
-    def __init__(self, lanes: int, groups: int, paths: int) -> None:
-        """Upload the numbers: literal ones would be compiled into the kernels."""
-        numbers = (lanes, groups, paths, *divmod(lanes, groups))
-        self.lanes, self.groups, self.paths, self._least, self._more = map(mi.UInt32, numbers)
-        dr.make_opaque(self.lanes, self.groups, self.paths, self._least, self._more)
-        self.count = groups
-        self.lane = dr.arange(mi.UInt32, lanes)
-        # Outside of loops: divisions of integers are slow.
-        self.place, self.group, self.members = self._places(self.lane)
-        self.apart = dr.maximum(self.members // self.paths, 1)
+    def __init__(self, lanes: int, groups: int, paths: int, rows: int = 1) -> None:
+        """Upload the numbers: literal ones would be compiled into the kernels.
 
-    def film_positions(self, lane: mi.UInt32, numbers: Numbers, height: int) -> mi.Point2f:
-        """Return uniform film positions in [0, 1)^2 of lanes, for uniform numbers.
-
-        ``height`` is the number of pixel rows, along which the strata run.
+        ``rows`` is the number of pixel rows, along which the strata run.
         """
+        # With NumPy: divisions of integers are slow, and for LLVM as well.
+        lane = np.arange(lanes)
+        place, group = np.divmod(lane, groups)
+        members = lanes // groups + (group < lanes % groups)
+        # Within the smallest group, no partner comes twice.
+        paths = min(paths, lanes // groups)
+        self.lanes, self.groups, self.paths, self.rows = map(mi.UInt32, (lanes, groups, paths, rows))
+        dr.make_opaque(self.lanes, self.groups, self.paths, self.rows)
+        self.count, self.path_count = groups, paths
+        self.lane = dr.arange(mi.UInt32, lanes)
+        self.place, self.group, self.members, self.apart, self._before, self._rest = (
+            mi.UInt32(x.astype(np.uint32))
+            for x in (place, group, members, members // paths, *np.divmod(place * rows, members))
+        )
+
+    def film_positions(self, lane: mi.UInt32, numbers: Numbers) -> mi.Point2f:
+        """Return uniform film positions in [0, 1)^2 of lanes, for uniform numbers."""
         x, y = numbers[:2]
-        place, _, members = self._places(lane)
+        before, rest, members = (
+            mi.Float(dr.gather(mi.UInt32, counts, lane))
+            for counts in (self._before, self._rest, self.members)
+        )
         # (place + x) / members of all rows; whole rows are counted in integers, which keeps all
         # bits of x.
-        before = place * height // members
-        part = (mi.Float(place * height - before * members) + x * height) / mi.Float(members)
+        part = (rest + x * self.rows) / members
         row = dr.floor(part)
-        return mi.Point2f(part - row, (mi.Float(before) + row + y) / height)
-
-    def _places(self, lane: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
-        """Return the places of lanes in their groups, the groups, and how many lanes these have."""
-        place = lane // self.groups
-        group = lane - place * self.groups
-        return place, group, self._least + dr.select(group < self._more, 1, 0)
+        return mi.Point2f(part - row, (before + row + y) / self.rows)
 
     def partner(self, k: mi.UInt32) -> mi.UInt32:
         """Return the lanes whose light subpath is the ``k``-th partner of each; itself first.
 
         Partners are as far apart as can be, so that errors of pixels close by differ.
         """
-        return (self.place + k * self.apart) % self.members * self.groups + self.group
+        place = self.place + k * self.apart
+        place -= dr.select(place < self.members, 0, self.members)
+        return place * self.groups + self.group
 
 
 class LightVertexCache:
@@ -88,7 +92,9 @@ class LightVertexCache:
         self.packed, self.groups, self.slots = kept.packed, groups, slots
         lanes = dr.width(groups.lane)
         number = dr.arange(mi.UInt32, slots * lanes)
-        k = number // groups.lanes
+        k = mi.UInt32(0)
+        for j in range(1, slots):
+            k += dr.select(number < j * groups.lanes, mi.UInt32(0), 1)
         self.row, self.represented = kept.drawn(number + groups.lanes - k * groups.lanes, k)
         vertices = kept.packed.gather(self.row, self.represented > 0)
         self.proxies = PackedProxies(LightProxies.of(vertices, self.represented))

@@ -57,7 +57,7 @@ class PackedRecords:
             flags |= dr.select(flag, mi.UInt32(1 << k), 0)
         numbers = [x for x in leaves if type(x) is not mi.Bool]
         words = [dr.reinterpret_array(mi.UInt32, x) for x in numbers]
-        _write(self.rows, [flags, *words] if self.flags else words, index, active)
+        write_row(self.rows, [flags, *words] if self.flags else words, index, active)
 
     def gather(self, index: mi.UInt32, active: mi.Bool | bool = True) -> Any:
         """Return the records at ``index``."""
@@ -118,7 +118,7 @@ class DrawnRecords:
             words.append(dr.reinterpret_array(mi.UInt32, one.contribution_weight(draws=n)))
         self.size = -(-len(words) // 4) * 4
         self.table = dr.empty(mi.UInt32, self.size * lanes)
-        _write(self.table, words, dr.arange(mi.UInt32, lanes))
+        write_row(self.table, words, dr.arange(mi.UInt32, lanes))
         dr.eval(self.table, self.packed.rows)
 
     def drawn(self, lane: mi.UInt32, k: mi.UInt32) -> tuple[mi.UInt32, mi.Float]:
@@ -132,16 +132,15 @@ class DrawnRecords:
         return self.slots * lane + item, dr.reinterpret_array(mi.Float, weight)
 
 
-def _write(
-    rows: mi.UInt32, words: list[mi.UInt32], index: mi.UInt32, active: mi.Bool | bool = True
-) -> None:
-    """Write ``words`` to row ``index``, four by four."""
-    words = words + [mi.UInt32(0)] * (-len(words) % 4)
-    loads = len(words) // 4
-    for i in range(loads):
-        load = mi.Vector4u(*words[4 * i : 4 * i + 4])
+def write_row(rows: Any, words: list[Any], index: mi.UInt32, active: mi.Bool | bool = True) -> None:
+    """Write ``words`` to row ``index``, whose length is a multiple of four.
+
+    One by one: the transposition that Dr.Jit puts before vectors takes LLVM longer to compile.
+    """
+    first = -(-len(words) // 4) * 4 * index
+    for i, word in enumerate(words):
         # Said to be apart, all of them are written by one kernel.
-        dr.scatter(rows, load, loads * index + i, active, mode=dr.ReduceMode.NoConflicts)
+        dr.scatter(rows, word, first + i, active, mode=dr.ReduceMode.NoConflicts)
 
 
 def _parts(tree: Any) -> list[tuple[Any, Any]] | None:

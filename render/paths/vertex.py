@@ -140,20 +140,39 @@ class EitherMode:
 
 
 def by_mode(
-    mode: mi.TransportMode | EitherMode, active: mi.Bool,
-    scatter: Callable[[mi.BSDFContext, mi.Bool], Any],
+    mode: mi.TransportMode | EitherMode, bsdfs: mi.BSDFPtr, active: mi.Bool,
+    scatter: Callable[..., Any], *arguments: Any,
 ) -> Any:  # fmt: skip
-    """Return what ``scatter`` does in a mode, for ``active`` lanes."""
+    """Return what ``scatter`` does with each BSDF in a mode, for ``active`` lanes.
+
+    It may ask several things of a BSDF: every call of one is compiled by itself.
+    """
+
+    def scattered(kind: mi.TransportMode, on: mi.Bool) -> Any:
+        context = mi.BSDFContext(kind)
+        return dr.dispatch(
+            bsdfs, lambda bsdf, on, *given: scatter(bsdf, context, on, *given), on, *arguments
+        )
+
     if not isinstance(mode, EitherMode):
-        return scatter(mi.BSDFContext(mode), active)
+        return scattered(mode, active)
+    radiance = mi.TransportMode.Radiance
     if not mode.refracts:
-        return scatter(mi.BSDFContext(), active)
-    importance = mi.BSDFContext(mi.TransportMode.Importance)
+        return scattered(radiance, active)
     return dr.select(
         mode.importance,
-        scatter(importance, active & mode.importance),
-        scatter(mi.BSDFContext(), active & ~mode.importance),
+        scattered(mi.TransportMode.Importance, active & mode.importance),
+        scattered(radiance, active & ~mode.importance),
     )
+
+
+def reverse_pdf(
+    bsdf: mi.BSDF, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: mi.Bool
+) -> mi.Float:
+    """Return the density with which light from local ``wo`` is scattered to ``si.wi``."""
+    reverse = mi.SurfaceInteraction3f(si)
+    reverse.wi = wo
+    return bsdf.pdf(mi.BSDFContext(), reverse, si.wi, active)
 
 
 def surface_interaction(v: Vertex) -> mi.SurfaceInteraction3f:
@@ -184,10 +203,14 @@ def evaluate_scattering(
     surface, volume = active & ~v.volume, active & v.volume
     si = surface_interaction(v)
     local = v.frame.to_local(wo)
-    value, pdf = by_mode(mode, surface, lambda how, on: v.bsdf.eval_pdf(how, si, local, on))
-    back = mi.Vector3f(si.wi)
-    si.wi = local
-    reverse = v.bsdf.pdf(mi.BSDFContext(), si, back, surface)
+
+    def evaluated(
+        bsdf: mi.BSDF, context: mi.BSDFContext, on: mi.Bool, si: mi.SurfaceInteraction3f,
+        wo: mi.Vector3f,
+    ) -> tuple[mi.Spectrum, mi.Float, mi.Float]:  # fmt: skip
+        return *bsdf.eval_pdf(context, si, wo, on), reverse_pdf(bsdf, si, wo, on)
+
+    value, pdf, reverse = by_mode(mode, v.bsdf, surface, evaluated, si, local)
     phase, phase_pdf = v.phase.eval_pdf(
         mi.PhaseFunctionContext(), medium_interaction(v), wo, volume
     )

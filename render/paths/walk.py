@@ -32,6 +32,7 @@ from render.paths.vertex import (
     leave,
     medium_interaction,
     passes_behind,
+    reverse_pdf,
     shading_factor,
     surface_interaction,
 )
@@ -231,13 +232,16 @@ def sample_scattering(
     si = surface_interaction(v)
     # A BSDF of several parts draws one of them by the number that selects guided directions.
     part = lobe if guiding is None else guiding.unselected(v, lobe)
-    sample, weight = by_mode(
-        mode, surface, lambda context, on: v.bsdf.sample(context, si, part, square, on)
-    )
+
+    def sampled(
+        bsdf: mi.BSDF, context: mi.BSDFContext, on: mi.Bool, si: mi.SurfaceInteraction3f,
+        part: mi.Float, square: mi.Point2f,
+    ) -> tuple[mi.BSDFSample3f, mi.Spectrum, mi.Float]:  # fmt: skip
+        sample, weight = bsdf.sample(context, si, part, square, on)
+        return sample, weight, reverse_pdf(bsdf, si, sample.wo, on)
+
+    sample, weight, reverse = by_mode(mode, v.bsdf, surface, sampled, si, part, square)
     wo_surface = v.frame.to_world(sample.wo)
-    back = mi.Vector3f(si.wi)
-    si.wi = sample.wo
-    reverse = v.bsdf.pdf(mi.BSDFContext(), si, back, surface)
     delta = surface & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     wo_phase, phase_weight, phase_pdf = v.phase.sample(
         mi.PhaseFunctionContext(), medium_interaction(v), lobe, square, volume
