@@ -73,7 +73,7 @@ def test_no_room_holds_more_than_twenty_two_modules() -> None:
 
 
 LINES = {
-    "render": 33_716,  # LEDs of data sheets; shots; places; steady sums, traced light in parts
+    "render": 33_728,  # LEDs of data sheets; shots; places; steady sums, traced light in parts
     "surrogate": 6_674,  # models state level and effort, of each held-out error too
     "optimize": 26_423,  # lamps are parts, budgets; places are searched, a design's scene
     "hw": 10_329,  # a list of parts; a rig plays shots; sheets say the exposure

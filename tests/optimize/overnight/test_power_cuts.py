@@ -23,18 +23,17 @@ from optimize.overnight.run_directory import (
     writing,
 )
 from optimize.overnight.store import RENDERS, STATES
-from render.files import TEMPORARY, read_npz, read_or_drop
+from render.files import TEMPORARY, read_or_drop
 from render.folders import leftovers
 from render.reference import RenderJob, RenderResult
 from tests.long import LONG
 from tests.optimize.overnight import replacing
 from tests.optimize.overnight.attempt import attempt
-from tests.optimize.overnight.conftest import SAMPLES
+from tests.optimize.overnight.commands import NAMES, left_by, words_of
 from tests.optimize.overnight.power_cuts import Disk, cuts, versions
 from tests.optimize.overnight.recorded_disk import Operation, recorded
 from tests.optimize.overnight.tiny import (
     command,
-    outcome,
     rows,
     start,
     tiny_scene,
@@ -79,9 +78,6 @@ class RecordedRun:
 @pytest.fixture(scope="module")
 def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     return RecordedRun(tmp_path_factory.mktemp("recorded"))
-
-
-Words = tuple[object, ...]
 
 
 def after_cuts(
@@ -183,14 +179,14 @@ def test_work_in_a_result_that_is_replaced_is_still_there(tmp_path: Path) -> Non
         assert not leftovers(folder), instant
 
 
-SEALED_ROWS = "SELECT name, value FROM decisions ORDER BY id"
+DECISIONS = "SELECT name, value FROM decisions ORDER BY id"
 STATES_OF_A_COMMAND, RESUMED = 2000, 5
 
 
 def check_files(folder: Path, whole: dict[str, set[bytes]], decisions: list[object]) -> None:
     """Check that all under a final name is whole, and that decisions are the first ones made."""
-    if decisions and (folder / "run").is_dir():
-        check_run_directory(folder / "run")
+    if decisions and (folder / "out").is_dir():
+        check_run_directory(folder / "out")
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.is_dir() or any(TEMPORARY.fullmatch(part) for part in path.parts):
@@ -198,7 +194,7 @@ def check_files(folder: Path, whole: dict[str, set[bytes]], decisions: list[obje
         if path.name == RECORD:
             with writing(path.parent), closing(open_record(path.parent)) as db:
                 check_rows(db)
-            found = rows(path.parent, SEALED_ROWS)
+            found = rows(path.parent, DECISIONS)
             assert found == decisions[: len(found)]
         elif not path.name.startswith((LOCK, LOG, RECORD)):
             assert path.read_bytes() in whole[name], name
@@ -206,37 +202,23 @@ def check_files(folder: Path, whole: dict[str, set[bytes]], decisions: list[obje
 
 @pytest.mark.slow
 @pytest.mark.skipif(not LONG, reason="part of make validation-long")
-def test_nights_trainings_and_verifications_end_bit_equal_after_a_cut(tmp_path: Path) -> None:
-    scene, night, rng = write_tiny(tmp_path), tmp_path / "whole" / "overnight", random.Random(3)
-    commands: dict[str, Callable[[Path], Words]] = {
-        "overnight": lambda at: (scene, "--out", at / "run", "--samples", SAMPLES),
-        "train": lambda at: (scene, "--out", at / "model", "--samples", SAMPLES),
-        "verify": lambda at: (
-            night / "run" / "designs" / "winner.json", "--model", night / "run" / "model",
-            "--out", at / "renders", "--samples", SAMPLES, "--seeds", 2,
-        ),
-    }  # fmt: skip
-    for name, words in commands.items():
-        folder, state = tmp_path / "whole" / name, tmp_path / "cut"
-        folder.mkdir(parents=True)
-        log = tmp_path / f"{name}.txt"
-        operations = recorded(command(name, *words(folder)), folder, log)
-        whole, record = versions(operations), folder / "run"
-        decisions = rows(record, SEALED_ROWS) if (record / RECORD).exists() else []
+def test_nights_and_other_long_commands_end_bit_equal_after_a_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, rng, state = write_tiny(tmp_path), random.Random(3), tmp_path / "cut"
+    for name in NAMES:
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / f"cache-{name}"))
+        folder = tmp_path / name
+        folder.mkdir()
+        asked = command(*words_of(name, scene, folder))
+        operations = recorded(asked, folder, tmp_path / f"{name}.txt")
+        whole, night = versions(operations), folder / "out"
+        decisions = rows(night, DECISIONS) if (night / RECORD).exists() else []
         resumed = set(rng.sample(range(STATES_OF_A_COMMAND), RESUMED))
         for number, _ in enumerate(after_cuts(operations, STATES_OF_A_COMMAND, state, 20)):
             check_files(state, whole, decisions)
             if number in resumed:
-                process = start(name, *words(state))
-                assert process.communicate()[1] is not None
-                assert process.returncode == 0
-                assert command_outcome(state) == command_outcome(folder)
-
-
-def command_outcome(folder: Path) -> dict[str, object]:
-    """Return all that a command leaves and that no clock has a part in."""
-    if (folder / "run").is_dir():
-        return outcome(folder / "run")
-    renders = {path.name: read_npz(path)["estimate"] for path in folder.glob("renders/*.npz")}
-    models = {path.name: path.read_bytes() for path in folder.glob("model/*.onnx")}
-    return models | {name: estimate.tobytes() for name, estimate in renders.items()}
+                process = start(*words_of(name, scene, state))
+                said = process.communicate()[1]
+                assert process.returncode == 0, said
+                assert left_by(name, state) == left_by(name, folder)
