@@ -64,7 +64,8 @@ LONGEST := $(LONG)/test_clear_pads.txt
 LONG_RUNS := $(LONGEST) \
 	$(filter-out $(LONGEST),$(VALIDATIONS:%=$(LONG)/%.txt) $(LONG)/nights.txt)
 CODE := $(shell git ls-files '*.py' '*.toml' '*.glsl' '*.npz' '*.onnx')
-NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py whole_night.py progress.py states.py)
+NIGHTS := $(addprefix tests/optimize/overnight/test_,kills.py power_cuts.py simulated_nights.py \
+	whole_night.py progress.py states.py)
 KEPT = set -o pipefail; $(BIN)/python -m pytest --capture no --passed $(@:.txt=.passed) $(1) 2>&1 \
 	| tee --append $@.part; mv $@.part $@
 

@@ -46,6 +46,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from render.steady_sums import steady_sums
+
 if TYPE_CHECKING:
     from optimize.design import Design, baseline_design, load_design, save_design
     from optimize.dimensions import Study
@@ -150,6 +152,7 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
+@steady_sums()
 def load_model(
     scene: Scene | str | Path,
     folder: str | Path | None = None,
@@ -185,6 +188,7 @@ def load_model(
         return scene_model(sensor, given, coarse=coarse, progress=report)
 
 
+@steady_sums()
 def rate(
     design: Design | str | Path,
     scene: Scene | str | Path,
@@ -211,6 +215,7 @@ def rate(
     return run(checker, sensor, "design", "Design", "", _design_of(design, sensor))
 
 
+@steady_sums()
 def reconstruct(
     design: Design | str | Path,
     scene: Scene | str | Path,
@@ -257,6 +262,7 @@ def reconstruct(
     return compare_readings(*(reading(sensor, known, camera, seeds) for known in colors))
 
 
+@steady_sums()
 def picture(
     design: Design | str | Path,
     scene: Scene | str | Path,
@@ -316,6 +322,7 @@ def picture(
     return counts
 
 
+@steady_sums()
 def render_transport(
     scene: Scene | str | Path,
     phi: Array,
@@ -358,6 +365,7 @@ def render_transport(
         )  # fmt: skip
 
 
+@steady_sums()
 def explore(
     scene: Scene | str | Path,
     *,
@@ -409,6 +417,7 @@ def explore(
         )
 
 
+@steady_sums()
 def places(
     scene: Scene | str | Path,
     lamps: int | None = None,
@@ -436,6 +445,7 @@ def places(
     return _search_space(True, lamps, parts, shots).on(as_scene(scene))
 
 
+@steady_sums()
 def build(design: Design | str | Path, scene: Scene | str | Path, name: str) -> Scene:
     """Return the sensor that a design is: the lamps that it lights, as the baseline.
 
@@ -454,6 +464,7 @@ def build(design: Design | str | Path, scene: Scene | str | Path, name: str) -> 
     return built_scene(sensor, _design_of(design, sensor), name)
 
 
+@steady_sums()
 def study(
     scene: Scene | str | Path,
     vary: Mapping[str, str | Sequence[float]],
@@ -520,6 +531,7 @@ def study(
         )
 
 
+@steady_sums()
 def verify(
     design: Design | str | Path,
     scene: Scene | str | Path,
@@ -560,6 +572,7 @@ def verify(
         return run(stage, checker, samples=count, seeds=chosen, checkpoint=folder, progress=report)
 
 
+@steady_sums()
 def optimize(
     scene: Scene | str | Path,
     *,

@@ -69,7 +69,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     A temporary file in the same folder is written, synced and renamed, and the folder is synced:
     a reader, or a machine that lost its power, meets the old file or the new one, never half of it.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     # Not mkstemp, whose files only their owner may read.
     temporary = temporary_name(path)
     try:
@@ -154,6 +154,19 @@ def can_create(path: Path) -> bool:
 def temporary_name(path: Path) -> Path:
     """Return a new name beside ``path`` of the form `TEMPORARY`."""
     return path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+
+
+def make_folder(folder: Path) -> None:
+    """Make ``folder`` and those above it, where they are missing, to outlast a loss of power.
+
+    Raises:
+        FileExistsError: it is no folder.
+    """
+    if folder.is_dir():
+        return
+    make_folder(folder.parent)
+    folder.mkdir(exist_ok=True)
+    sync_folder(folder.parent)
 
 
 def sync_folder(folder: Path) -> None:

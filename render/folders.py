@@ -16,13 +16,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from render.files import TEMPORARY, sync_folder, temporary_name
+from render.files import TEMPORARY, make_folder, sync_folder, temporary_name
 
 
 @contextmanager
 def fresh_folder(target: Path) -> Iterator[Path]:
     """Give a new folder beside ``target`` that is taken away after the block, if still there."""
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     fresh = temporary_name(target)
     with ExitStack() as stack:
         # Before it is locked, `put_back` of another process would take it for a leftover.
@@ -46,6 +46,8 @@ def replace_folder(fresh: Path, target: Path, settle: Settle) -> None:
         old = temporary_name(target) if target.exists() else None
         if old is not None:
             os.rename(target, old)
+            # A loss of power may not keep the next rename without this one: ``old`` had no name.
+            sync_folder(target.parent)
         try:
             os.rename(fresh, target)
         except OSError:

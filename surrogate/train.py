@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from render.chebyshev import interpolation_weights
 from render.choose_exposure import ScoreScale, baseline_power, scene_scale
 from render.errors import TableError
+from render.finished_parts import FinishedParts
 from render.geometry import counted_sites
 from render.levels import NETWORK
 from render.metric import THESIS, superposed
@@ -39,7 +40,6 @@ from surrogate.model.preview_grid import (
 from surrogate.preview_model import preview_half_width, preview_nodes
 from surrogate.runtime import ModelMetadata
 from surrogate.training.evaluation import scene_bends
-from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, fit_residual
 from surrogate.training.fit_table import fit_table
 from surrogate.training.fit_task import VERSION, FitConfig, FitTask
@@ -202,14 +202,13 @@ def train(
     graph = CheckerModule(
         scene, grid, fit.residual, exposure=scale.exposure, lam=scale.lam, spread=fit.spread
     )
-    render_seconds = reference.renderer.get("seconds", 0.0)
     made = Provenance(
         command=command or f"tactilux train {scene.name} --seed {seed}",
         seed=seed,
-        render_seconds=render_seconds if isinstance(render_seconds, float) else 0.0,
-        fit_seconds=fit_seconds,
+        seconds={"rendering": reference.seconds, "fitting": fit_seconds},
     )
-    write_package(out, graph, about, write_card(about, fit, made), _golden_inputs(scene, seed))
+    card, golden = write_card(about, fit, made), _golden_inputs(scene, seed)
+    write_package(out, graph, about, card, golden, made.seconds)
     report(Progress(1, 1, stage="export"))
     seconds = time.monotonic() - began
     return Trained(

@@ -46,7 +46,7 @@ NO_MEMORY = re.compile(
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 PACKAGES = {
     "explore": ("cma", "glcontext", "jinja2", "matplotlib", "moderngl", "numba", "scipy",
-                "threadpoolctl", "tomlkit", "trimesh"),
+                "tomlkit", "trimesh"),
     "train": ("cryptography", "dask", "distributed", "drjit", "mitsuba", "onnx", "sklearn",
               "torch"),
     "hw": ("cv2", "serial", "yaml"),

@@ -68,7 +68,6 @@ class KeptAnswers:
             scene, effort, self.reader, self.seed, exposure, self._inside(effort, values)
         )
         if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
             about = {"values": list(values), "scene_hash": scene.hash}
             write_json(file, about | found.to_json())
         best = found.best.mean(self.reader)

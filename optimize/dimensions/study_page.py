@@ -186,7 +186,6 @@ def _draw_intervals(
 def begin_study(target: Path, study_plan: dict[str, Any]) -> Path:
     """Write what is asked into the folder of a study, and return where its answers are kept."""
     with writable(target):
-        target.mkdir(parents=True, exist_ok=True)
         (target / MANIFEST).unlink(missing_ok=True)
         write_json(target / PLAN, study_plan, indent=2)
     return target / ANSWERS
@@ -227,7 +226,6 @@ def _write_points(target: Path, study: Study) -> list[Path]:
     written = []
     for row in study.rows if study.pareto else ():
         folder = target / POINTS / "-".join(f"{value:g}" for value in row.values)
-        folder.mkdir(parents=True, exist_ok=True)
         scene = study.scene_of(row)
         if row.changes:
             shown = study.variants.shown(row.values)

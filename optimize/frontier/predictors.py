@@ -37,7 +37,7 @@ from render.progress import OnProgress, in_stage
 from render.scene import Scene
 from render.transport import TransportTable, load_table
 from surrogate.preview_model import few_paths_checker, preview_checker
-from surrogate.runtime import Checker
+from surrogate.runtime import Checker, rendering_seconds
 
 if TYPE_CHECKING:  # torch comes with it
     from surrogate.train import TrainConfig
@@ -141,7 +141,7 @@ def _take_table(levels: Predictors, scene: Scene, folder: Path, few: Checker) ->
         levels.left_out[SUPERPOSED] = "the scene leaves its material free, and a table knows one"
         return
     table = load_table(folder / f"{FEW}-training" / TABLE_FILE)
-    levels.table = table, float(str(few.metadata.renderer.get("seconds", 0.0)))
+    levels.table = table, _rendering(few)
 
 
 def _take_shipped(levels: Predictors, scene: Scene, shipped: Checker | None) -> None:
@@ -153,8 +153,12 @@ def _take_shipped(levels: Predictors, scene: Scene, shipped: Checker | None) -> 
     if not np.allclose(own, scale, rtol=SCALE_TOLERANCE):
         levels.left_out[SHIPPED] = "its scores are on the scale of another material"
         return
-    rendering = float(str(shipped.metadata.renderer.get("seconds", 0.0)))
-    levels.found.append(Predictor(SHIPPED, shipped, rendering, shipped.effort))
+    levels.found.append(Predictor(SHIPPED, shipped, _rendering(shipped), shipped.effort))
+
+
+def _rendering(checker: Checker) -> float:
+    """Return the seconds that a model was rendered for, 0 where nobody knows."""
+    return 0.0 if checker.file is None else rendering_seconds(checker.file) or 0.0
 
 
 def _few_renders(setup: _Setup, seed: int, config: TrainConfig, report: OnProgress) -> Predictor:

@@ -43,6 +43,7 @@ from optimize.overnight.surrogate_stages import fit_model, pooled_table, render_
 from optimize.overnight.workers import StoredRenders, Workers
 from optimize.ui.process import Signals, Stopped
 from render.errors import TactiluxError
+from render.files import make_folder
 from render.progress import Progress
 from render.scene import Scene, as_scene, standalone
 from render.transport import TransportTable
@@ -81,7 +82,7 @@ def overnight(
     kept = standalone(scene)
     check_run_directory(run)
     with writing(run):
-        run.mkdir(parents=True, exist_ok=True)
+        make_folder(run)
         with locked(run), closing(RunLog(run, lines)) as log:
             signals, store, ended = Signals(), None, "error"
             try:

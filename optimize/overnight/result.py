@@ -1,8 +1,8 @@
 """What a finished night knows, and the files that keep it: all that its report is made from.
 
 In the run directory: ``scene.toml`` (as the user wrote it) with the files that it names,
-``night.npz`` (arrays and JSON, no pickle) and, for all other commands, ``designs/<key>.json``
-(design files with rendered ratings).
+``night.npz`` (arrays and JSON, no pickle), ``measured.json`` (what a clock or a machine has a part
+in) and, for all other commands, ``designs/<key>.json`` (design files with rendered ratings).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from optimize.objectives import ObjectiveName, ReaderName
 from optimize.overnight.run_directory import RunError
 from optimize.scoring import IntervalCheck, check_interval, student_factor
 from render.errors import TactiluxError
-from render.files import parse_json, read_npz, write_npz
+from render.files import parse_json, read_npz, read_sealed, write_json, write_npz
 from render.geometry import counted_sites
 from render.metric import clipped_fraction
 from render.refused_values import problem_sentence
 from render.scene import Scene, load_scene
 
-NIGHT, DESIGNS = "night.npz", "designs"
-SCHEMA = 3
+NIGHT, MEASURED, DESIGNS = "night.npz", "measured.json", "designs"
+SCHEMA = 4
 TITLES = {
     "baseline": "Baseline",
     "colors": "Colors",
@@ -130,7 +130,8 @@ class Finalist:
 
 
 _FIGURES = ("key", "se", "gain", "gain_se", "predicted", "predicted_reach", "converged")
-_SHARED = ("objective", "replicates", "winner", "verdict", "trade", "facts")
+_SHARED = ("objective", "replicates", "winner", "verdict")
+_MEASURED = ("trade", "facts")
 
 
 @dataclass(frozen=True)
@@ -197,9 +198,9 @@ class OvernightResult:
         return student_factor(self.replicates)
 
     def save(self, run: Path) -> None:
-        """Write ``night.npz`` and the design files into ``run``, every file atomically.
+        """Write ``night.npz`` and the other files of the night into ``run``, each atomically.
 
-        Equal nights make equal bytes.
+        Equal nights make equal bytes but for those of ``measured.json``.
 
         Raises:
             DesignError: a number that is not finite.
@@ -207,6 +208,7 @@ class OvernightResult:
         for entry in self.finalists:
             path = run / DESIGNS / f"{entry.key}.json"
             save_design(path, entry.design, self.scene, entry.rating)
+        write_json(run / MEASURED, {name: getattr(self, name) for name in _MEASURED})
         content = {name: getattr(self, name) for name in _SHARED} | {
             "schema": SCHEMA,
             "scene_hash": self.scene.hash,
@@ -235,7 +237,7 @@ class OvernightResult:
         path = run / NIGHT
         try:
             scene, arrays = load_scene(run / SCENE), read_npz(path)
-            content = parse_json(str(arrays.pop("night")))
+            content = parse_json(str(arrays.pop("night"))) | read_sealed(run / MEASURED)
             if (content.pop("schema"), content.pop("scene_hash")) != (SCHEMA, scene.hash):
                 raise ValueError(f"it is of another version, or of another scene than {SCENE}")
             keys = [entry["key"] for entry in content["finalists"]]
@@ -250,7 +252,7 @@ class OvernightResult:
                 entry |= {name: array[index] for name, array in arrays.items()}
                 entry["design"] = Design(entry.pop("phi"), entry.pop("power"), scene.palette)
             return _validated({"scene": scene, **content})
-        except (TactiluxError, KeyError, TypeError, AttributeError, ValueError) as error:
+        except (OSError, TactiluxError, KeyError, TypeError, AttributeError, ValueError) as error:
             raise RunError(
                 f"{path} is no finished night ({' '.join(str(error).split())}): a report needs a "
                 "night that has come to its end and is whole, go on with tactilux overnight, which "

@@ -38,7 +38,14 @@ from optimize.design import RUN_MODEL
 from optimize.overnight.rows import TABLES, check_kinds, check_rows, connect, write_row
 from optimize.overnight.run_directory import RECORD, RunError
 from optimize.ui.provenance import program_version
-from render.files import npz_bytes, parse_json, sync_folder, temporary_name, write_bytes
+from render.files import (
+    make_folder,
+    npz_bytes,
+    parse_json,
+    sync_folder,
+    temporary_name,
+    write_bytes,
+)
 from render.folders import leftovers, put_back, remove_folder
 from render.progress import Progress
 from render.reference import RenderJob, RenderResult
@@ -75,7 +82,7 @@ class Store:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = FULL")
             for name in (RENDERS, STATES):
-                (run / name).mkdir(exist_ok=True)
+                make_folder(run / name)
             (before,) = self._db.execute("SELECT TOTAL(seconds) FROM attempts").fetchone()
             self._before = float(before)
             self._attempt = write_row(

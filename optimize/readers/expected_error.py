@@ -3,32 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from contextlib import AbstractContextManager
-from functools import cache
-from typing import TYPE_CHECKING
 
 from optimize.design import Array
 from optimize.readers.camera_model import FULL_SCALE, CameraModel
 from render.scene import Scene
-
-if TYPE_CHECKING:
-    from threadpoolctl import ThreadpoolController
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()
-
-
-def one_thread() -> AbstractContextManager[object]:
-    """Return a context in which BLAS uses one thread.
-
-    On matrices this small its threads wait for each other: five times as long where other programs
-    run, and the order of their sums is not the same everywhere.
-    """
-    return _blas().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
 
 
 class ExpectedError(ABC):
@@ -57,14 +35,12 @@ class ExpectedError(ABC):
         They are counts at the scene's exposure, not clipped; each design takes its own.
         """
         factor, gain, _ = self.camera.exposed(counts.reshape(len(counts), -1))
-        with one_thread():
-            return self.exposed_degrees(counts * factor[:, None, None, None, None], gain)
+        return self.exposed_degrees(counts * factor[:, None, None, None, None], gain)
 
     def slopes(self, counts: Array) -> tuple[float, Array]:
         """Return the error of one design and its derivatives, of the shape of ``counts``."""
         factor, gain, decides = self.camera.exposed(counts.reshape(1, -1))
-        with one_thread():
-            degrees, by_exposed, by_gain = self.exposed_slopes(factor[0] * counts[None], gain)
+        degrees, by_exposed, by_gain = self.exposed_slopes(factor[0] * counts[None], gain)
         by_factor = float((by_exposed[0] * counts).sum())
         longest, shots = self.camera.longest_exposure, self.camera.shots
         if gain[0] > shots * (1.0 + 1e-12) and not self.camera.gains:

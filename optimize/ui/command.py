@@ -10,6 +10,7 @@ from typer.core import TyperCommand
 
 from render.memory import START, require_memory
 from render.refused_values import allowed_words, did_you_mean
+from render.steady_sums import steady_sums
 
 CHOICES = re.compile(r".* is not one of '(.+)'\.", re.DOTALL)
 """What Typer says of a value that is none of an option's choices."""
@@ -37,10 +38,11 @@ class Command(TyperCommand):
             raise
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, if there is memory for what it imports.
+        """Run the command on steady sums, if there is memory for what it imports.
 
         Raises:
             RenderError: there is not.
         """
         require_memory(START, "this command")
-        return super().invoke(ctx)
+        with steady_sums():
+            return super().invoke(ctx)

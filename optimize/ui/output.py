@@ -11,7 +11,7 @@ from pathlib import Path
 
 from optimize.ui.console import note
 from optimize.ui.process import OutputError
-from render.files import can_create, read_json, write_bytes, write_json
+from render.files import can_create, read_json, sync_folder, write_bytes, write_json
 from render.folders import foreign_names, fresh_folder, put_back, remove_folder, replace_folder
 
 MANIFEST = "result.json"
@@ -162,6 +162,8 @@ def _settle(old: Path, target: Path, keep: str) -> None:
     for item in old.iterdir():
         if item.name not in own and not (target / item.name).exists():
             os.rename(item, target / item.name)
+    # They have their new names for good before they lose the old ones.
+    sync_folder(target)
     remove_folder(old, MANIFEST)
 
 

@@ -37,7 +37,7 @@ from render.choose_exposure import scene_scale
 from render.geometry import fiber_edges
 from render.scene import Scene
 from render.transport import TransportTable
-from surrogate.runtime import Checker
+from surrogate.runtime import Checker, rendering_seconds
 
 OptimizationMethod = Literal["loop", "thesis", "both"]
 THESIS_SEED, FINAL_SEED = 800, 900
@@ -225,8 +225,7 @@ def _training_seconds(checker: Checker | None) -> float | None:
         return None
     if checker.file is None:
         return 0.0
-    trained = checker.metadata.renderer.get("seconds")
-    return float(trained) if isinstance(trained, float) else None
+    return rendering_seconds(checker.file)
 
 
 def _least_thesis_seconds(loop: LoopResult, groups: int, generations: int) -> float:

@@ -28,6 +28,7 @@ from render.geometry import counted_sites, facet_masks, in_state
 from render.reference.llvm import VARIANT, mitsuba
 from render.scene import Scene, scene_content, scene_of
 from render.steady_registry import steady_registry
+from render.steady_sums import steady_sums
 
 if TYPE_CHECKING:
     from render.sampling.monte_carlo import MonteCarlo
@@ -93,14 +94,12 @@ class RenderJob:
     @cached_property
     def key(self) -> str:
         """A hash of everything that the result depends on, 64 hex digits."""
-        scene, bend = in_state(scene_of(self.scene), self.bend)
-        content = asdict(self) | {"scene": scene.hash, "bend": bend}
+        scene_hash, bend, serves_all = _pad(self.scene, self.bend)
+        content = asdict(self) | {"scene": scene_hash, "bend": bend}
         if self.slots is None:
             del content["slots"]
-        programs = [version("mitsuba"), version("drjit")]
-        shared = self.sampler == "monte-carlo" and serves_all_lamps(scene, bend)
-        marks = [SHARED_VERSION] if shared else []
-        text = json.dumps([VERSION, programs, content, *marks], sort_keys=True)
+        marks = [SHARED_VERSION] if self.sampler == "monte-carlo" and serves_all else []
+        text = json.dumps([VERSION, _programs(), content, *marks], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property
@@ -154,6 +153,19 @@ class RenderResult:
         return cls(arrays["estimate"], arrays["largest"], float(arrays["seconds"]))
 
 
+@lru_cache(maxsize=64)
+def _pad(content: str, bend: float) -> tuple[str, float, bool]:
+    """Return a pad's scene hash and bend, and whether all of its lamps are rendered at once."""
+    scene, bend = in_state(scene_of(content), bend)
+    return scene.hash, bend, serves_all_lamps(scene, bend)
+
+
+@lru_cache(maxsize=1)
+def _programs() -> list[str]:
+    return [version("mitsuba"), version("drjit")]
+
+
+@steady_sums()
 def run_job(
     job: RenderJob,
     state: Path | None = None,

@@ -33,12 +33,11 @@ VERSIONED = ("tactilux", "numpy", "torch", "onnx", "mitsuba", "drjit")
 
 @dataclass(frozen=True)
 class Provenance:
-    """How the model was made: the exact command, its seed and what it took."""
+    """How the model was made: the exact command, its seed and the seconds of rendering and fit."""
 
     command: str
     seed: int
-    render_seconds: float
-    fit_seconds: float
+    seconds: dict[str, float]
 
 
 def describe_model(
@@ -190,7 +189,7 @@ def write_card(metadata: ModelMetadata, fit: Fit, made: Provenance) -> str:
             f"- command: `{made.command}`",
             f"- seed: {made.seed}",
             f"- machine: {machine()}",
-            f"- seconds: {made.render_seconds:.0f} rendering, {made.fit_seconds:.0f} fitting",
+            "- seconds: " + ", ".join(f"{took:.0f} {what}" for what, took in made.seconds.items()),
             f"- scene: {metadata.scene}, hash {metadata.scene_hash}",
             f"- training data: SHA-256 {metadata.training_data_hash}",
             f"- sources: {metadata.git_revision}",

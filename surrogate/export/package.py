@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from render.errors import ModelError
-from render.files import can_create, write_npz, write_text
+from render.files import can_create, write_json, write_npz, write_text
 from render.folders import foreign_names, fresh_folder, put_back, remove_folder, replace_folder
 from render.geometry import counted_sites
 from render.scene import Scene
@@ -21,12 +21,13 @@ from surrogate.runtime.model_file import (
     LARGEST,
     MODEL_FILE,
     OUTPUTS,
+    SECONDS_FILE,
     SUM_FILE,
     SUMMED,
     sums_of,
 )
 
-FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE}
+FILES = {MODEL_FILE, CARD_FILE, SUM_FILE, GOLDEN_FILE, SECONDS_FILE}
 OTHER_NUMBERS = 56
 """Constants of a lamp and a site besides its preview: inputs of the residual, basis of facets."""
 GRAPH = 26_400
@@ -70,8 +71,9 @@ def write_package(
     metadata: ModelMetadata,
     card: str,
     golden_inputs: Mapping[str, np.ndarray],
+    seconds: Mapping[str, float],
 ) -> None:
-    """Write the model to ``folder``, replacing an older one.
+    """Write the model to ``folder``, replacing an older one; ``seconds`` by what took them.
 
     Everything is written into a folder beside it, replayed through onnxruntime, and renamed: a
     reader, or a run that was killed, never meets half a model.
@@ -96,6 +98,7 @@ def write_package(
             )
         write_npz(fresh / GOLDEN_FILE, {**golden_inputs, **_replay(model, golden_inputs)})
         write_text(fresh / CARD_FILE, card)
+        write_json(fresh / SECONDS_FILE, seconds)
         write_text(fresh / SUM_FILE, sums_of({n: (fresh / n).read_bytes() for n in SUMMED}))
         replace_folder(fresh, folder, settle)
 

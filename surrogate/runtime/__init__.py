@@ -2,5 +2,5 @@
 
 from surrogate.runtime.checker import Checker, family_hash
 from surrogate.runtime.metadata import ModelMetadata
-from surrogate.runtime.model_file import MODEL_FILE, sha256
+from surrogate.runtime.model_file import MODEL_FILE, rendering_seconds, sha256
 from surrogate.runtime.ranking import RankingTest

@@ -95,7 +95,7 @@ class ModelMetadata:
         preview: ``effort`` of the traced light that corrects it, None as drawn; nodes of the table
             and its interpolation error; ``ranks`` is the tau that such light was found to have on
             other sensors, ``photon_noise`` the relative noise of its colors.
-        renderer: settings, sample counts and seconds of the reference; empty without renders.
+        renderer: settings and sample counts of the reference; empty without renders.
         training_data_hash: SHA-256 of the reference table.
         git_revision, versions: the sources and packages that made the model.
         residual: kind and size of what corrects the preview.
@@ -288,7 +288,6 @@ def _numbers(about: ModelMetadata) -> Iterator[tuple[str, Any, float, float]]:
         ("preview", "phi_nodes", MOST_CELLS), ("preview", "ranks", 1.0),
         ("preview", "photon_noise", math.inf), ("residual", "unreliable_cells", math.inf),
         ("residual", "cells", math.inf), ("renderer", "samples_per_cell", math.inf),
-        ("renderer", "seconds", math.inf),
     ):  # fmt: skip
         value = getattr(about, part).get(name)
         if value is not None:

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from render.errors import ModelError, TableError
-from render.files import read_bytes, read_npz
+from render.files import read_bytes, read_json, read_npz
 from surrogate.runtime.graph import check_graph
 from surrogate.runtime.metadata import ModelMetadata, read_props
 
 MODEL_FILE, CARD_FILE = "checker.onnx", "checker.md"
 SUM_FILE, GOLDEN_FILE = "checker.sha256", "golden.npz"
+SECONDS_FILE = "seconds.json"
+"""How long a model was rendered and fitted: apart from it, so that equal models have one hash."""
 INPUTS = ("phi", "power", "bend")
 MATERIAL = "material"
 """A fourth input of models whose scene leaves its material free."""
@@ -36,6 +38,12 @@ def sha256(content: bytes) -> str:
 def sums_of(contents: Mapping[str, bytes]) -> str:
     """Return what `SUM_FILE` says of files: what ``sha256sum`` prints."""
     return "".join(f"{sha256(content)}  {name}\n" for name, content in contents.items())
+
+
+def rendering_seconds(file: Path) -> float | None:
+    """Return what the renders took of the model in ``file``; None where nothing says so."""
+    seconds = read_json(file.with_name(SECONDS_FILE)).get("rendering")
+    return float(seconds) if isinstance(seconds, int | float) else None
 
 
 def read_verified(file: Path, *, strict: bool) -> bytes:

@@ -34,7 +34,7 @@ class RankingTest:
     Arguments:
         tau: of the model against its reference.
         factor: times the samples that would let a perfect model reach AIM; at most MOST.
-        samples, minutes: what the model was trained with, where it was rendered for.
+        samples: per cell that the model was trained with, where it was rendered for.
         unrendered: level and effort of a model without renders; empty for a trained one.
         unconverged: share of the reference's cells that had not converged.
     """
@@ -42,7 +42,6 @@ class RankingTest:
     tau: float
     factor: float
     samples: int | None
-    minutes: float | None
     unconverged: float = 0.0
     unrendered: str = ""
 
@@ -52,13 +51,11 @@ class RankingTest:
         held = {str(row["name"]): float(row["kendall_tau"]) for row in metadata.held_out}
         own, name = metadata.own_errors, level_name(metadata.level, metadata.effort)
         samples = metadata.renderer.get("samples_per_cell")
-        seconds = metadata.renderer.get("seconds")
         found = 0.0 if own is None else float(own["kendall_tau"])
         return cls(
             tau=max(found, float(metadata.preview.get("ranks", 0.0))),
             factor=_factor(held.get(NOISE, 1.0)),
             samples=int(samples) if samples is not None else None,
-            minutes=float(seconds) / 60.0 if seconds is not None else None,
             unconverged=int(metadata.residual.get("unreliable_cells", 0))
             / int(metadata.residual.get("cells", 1)),
             unrendered="" if metadata.rendered else name,
@@ -95,12 +92,9 @@ class RankingTest:
             factor = max(factor, 2.0)
         times = _rounded(factor)
         said += f"Its renders are too noisy: train with at least {times} times the samples"
-        if self.samples is None or self.minutes is None:
+        if self.samples is None:
             return said + "."
-        return said + (
-            f" (--samples {_rounded(factor * self.samples)}, some "
-            f"{_rounded(factor * self.minutes)} minutes of rendering at the same pace)."
-        )
+        return f"{said} (--samples {_rounded(factor * self.samples)})."
 
 
 def _rounded(value: float) -> str:

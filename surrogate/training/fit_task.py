@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from render.arrays import Array
+from render.finished_parts import FinishedParts
 from render.noise_share import noise_share
 from render.scene import Scene
 from surrogate.model.lamp_copies import copied, split_power
@@ -24,7 +25,6 @@ from surrogate.training.dataset import (
     interior_folds,
 )
 from surrogate.training.evaluation import HeldOutEvaluation, RandomDesigns, random_designs
-from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit_time import FitTime
 from surrogate.training.mlp import NetworkConfig
 

@@ -12,12 +12,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from render.finished_parts import NOTHING_KEPT, FinishedParts
 from render.progress import Clock, OnProgress
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble
 from surrogate.training.dataset import RegressionData, expand
-from surrogate.training.finished_parts import FinishedParts
 
 SAVE_SECONDS = 2.0
 """Between states that are kept of networks in training."""
@@ -56,7 +56,7 @@ def fit_networks(
     config: NetworkConfig,
     seed: int,
     progress: OnProgress | None = None,
-    parts: FinishedParts | None = None,
+    parts: FinishedParts = NOTHING_KEPT,
     name: str = "networks",
 ) -> NetworkEnsemble:
     """Return ``members`` networks; member ``m`` does not see the rows of fold ``m``.
@@ -65,7 +65,6 @@ def fit_networks(
     ``progress`` is told of every 100 steps. ``parts`` keeps weights, moments of Adam, random state
     and the rows still to come as ``name``, every ``SAVE_SECONDS`` and at the end; there it goes on.
     """
-    parts = parts or FinishedParts(None, "")
     generator = torch.Generator().manual_seed(seed)
     outputs = rows.basis.shape[1]
     net = NetworkEnsemble(members, rows.x.shape[1], config.width, outputs, generator)

@@ -255,13 +255,14 @@ class ReferenceData:
 
     Arguments:
         tables: the scene's own material first.
-        renderer: settings, sample counts and seconds.
+        renderer: settings and sample counts; seconds: that the renders took.
         materials: ``(material, quantity)`` of the tables, where the scene leaves it free.
         plan: by which they were rendered; None for a table that was given.
     """
 
     tables: tuple[TransportTable, ...]
     renderer: dict[str, object]
+    seconds: float = 0.0
     materials: Array | None = None
     plan: RenderPlan | None = None
 
@@ -368,7 +369,7 @@ def _rendered(
         tables.append(estimate_table(variant, np.array(plan.phi), np.array(plan.bends), estimate))
         seconds += float(estimate.seconds)
         settings = settings or dict(estimate.settings)
-    return ReferenceData(tuple(tables), settings | {"seconds": seconds}, materials, plan)
+    return ReferenceData(tuple(tables), settings, seconds, materials, plan)
 
 
 def check_reference(scene: Scene, table: TransportTable) -> None:

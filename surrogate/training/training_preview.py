@@ -7,13 +7,13 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from render.finished_parts import FinishedParts
 from render.preview.converged import ConvergedTransport, is_kept, refinements
 from render.progress import OnProgress, Progress
 from render.scene import Scene
 from surrogate.model.converged_grid import corrected
 from surrogate.model.materials import MaterialRange
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid
-from surrogate.training.finished_parts import FinishedParts
 
 MAX_FRACTION = 0.75
 """Part of the time that following light may take from renders and fit. It is worth more: what

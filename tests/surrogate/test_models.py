@@ -35,7 +35,7 @@ def test_a_shipped_model_replays_its_golden_pair(folder: Path) -> None:
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_a_shipped_folder_is_whole_and_unaltered(folder: Path) -> None:
     found = {item.name for item in folder.iterdir()}
-    assert found == {"checker.onnx", "checker.md", "checker.sha256", "golden.npz"}
+    assert found == {"checker.onnx", "checker.md", "checker.sha256", "golden.npz", "seconds.json"}
     assert Checker.load(folder).metadata.scene == folder.name
 
 

@@ -1,11 +1,13 @@
-"""Converged transport of a scene, kept in the user's cache bend by bend: stopped work goes on."""
+"""Converged transport of a scene, kept in the user's cache part by part: stopped work goes on."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+import shutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import astuple
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import numpy as np
 from render.arrays import Array
 from render.chebyshev import chebyshev_nodes
 from render.files import read_or_drop, write_npz
+from render.finished_parts import FinishedParts
 from render.geometry import flat_fiber_poses
 from render.preview.converged.block import beam_cones
 from render.preview.converged.transport import (
@@ -121,18 +124,36 @@ def refinements(
 def _run(
     scene: Scene, bend: float, effort: Effort, clock: Clock, seed: int = 0
 ) -> ConvergedTransport:
-    """Return transport at one bend, kept or followed now."""
+    """Return transport at one bend, kept or followed now; its parts are kept until it is."""
     file = _file(scene, bend, effort, seed)
+    parts = _Parts(file.with_suffix(".parts"), file.stem)
     kept = read_or_drop(file, *ConvergedTransport._fields)
     if kept is not None:
         clock.skip(task_count(scene, effort))
-        return ConvergedTransport(**kept)
-    found = transport_at(scene, bend, phi_nodes(scene), effort, clock, seed)
-    try:
-        write_npz(file, found._asdict())
-    except OSError as error:
-        warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=3)
+        found = ConvergedTransport(**kept)
+    else:
+        found = transport_at(scene, bend, phi_nodes(scene), effort, clock, seed, parts)
+        with _optional():
+            write_npz(file, found._asdict())
+    shutil.rmtree(file.with_suffix(".parts"), ignore_errors=True)
     return found
+
+
+class _Parts(FinishedParts):
+    """Parts that are kept where there is room for them."""
+
+    def save(self, name: str, arrays: Mapping[str, Array]) -> None:
+        with _optional():
+            super().save(name, arrays)
+
+
+@contextmanager
+def _optional() -> Iterator[None]:
+    """Warn where the cache takes nothing: light is followed again another time."""
+    try:
+        yield
+    except OSError as error:
+        warnings.warn(f"converged transport cannot be cached: {error}", stacklevel=4)
 
 
 def _over_bends(parts: list[ConvergedTransport]) -> ConvergedTransport:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.arrays import Array
+from render.finished_parts import FinishedParts
 from render.geometry import counted_sites
 from render.preview.converged.arrivals import Arrivals
 from render.preview.converged.block import face_grid, orthonormal_terms, patch_counts
@@ -33,6 +34,8 @@ from render.scene import Scene
 
 BATCH = 16
 """Starts that are multiplied with the exit field at a time, which bounds the memory."""
+PRODUCTS = ("direct", "direct_difference", "ends", "ends_difference")
+"""Names under which a batch of `Products` is kept."""
 MINOR = 8
 """Patches and rings of coating, which count little, have so many times fewer paths than facets."""
 
@@ -72,7 +75,9 @@ class Gathering:
     def __init__(
         self, scene: Scene, bend: float, block: Block, field: Halved[Array], count: int,
         clock: Clock, pool: ThreadPoolExecutor, sights: Array | None, seed: int,
+        parts: FinishedParts,
     ) -> None:  # fmt: skip
+        self._parts = parts
         self._scene, self._bend, self._block, self._field = scene, bend, block, field
         self._count, self._few = count, max(count // MINOR, 1)
         self._clock, self._pool, self._sights, self._seed = clock, pool, sights, seed
@@ -81,7 +86,9 @@ class Gathering:
         columns, rows = patch_counts(scene)
         self._patches = columns * rows
         self._of_patches = self._products(
-            range(self._patches), lambda i: patch_points(scene, block, i, self._few, seed)
+            "patches",
+            range(self._patches),
+            lambda i: patch_points(scene, block, i, self._few, seed),
         )
 
     def sent(self, arrived: Halved[Arrivals]) -> list[Halved[Array]]:
@@ -102,6 +109,7 @@ class Gathering:
         """Return that of facets ``(site * facet, column)``."""
         faces, sites = self._scene.indenter.faces, counted_sites(self._scene)
         return self._products(
+            "facets",
             range(len(sites) * faces),
             lambda i: facet_points(
                 self._scene,
@@ -128,12 +136,13 @@ class Gathering:
                 self._seed, ring,
             )  # fmt: skip
 
-        return self._products(range(len(sites) * rings * faces), starts)
+        return self._products("rings", range(len(sites) * rings * faces), starts)
 
     def sites(self) -> Products:
         """Return that of the spots ``(site, column)``."""
         sites = counted_sites(self._scene)
         return self._products(
+            "sites",
             range(len(sites)),
             lambda i: site_points(
                 self._scene,
@@ -152,9 +161,9 @@ class Gathering:
         return NO_SIGHTS if self._sights is None else self._sights[index, part]
 
     def _products(
-        self, items: range, starts: Callable[[int], Starts], ticks: bool = False
+        self, name: str, items: range, starts: Callable[[int], Starts], ticks: bool = False
     ) -> Products:
-        """Return what ``items`` get of the exit field and of patches."""
+        """Return what ``items`` get of the exit field and of patches; kept by ``name``."""
 
         def one(i: int) -> Halved[Gathered]:
             found = gathered(starts(i), self._block, self._grid, self._patches, self._terms)
@@ -162,15 +171,23 @@ class Gathering:
                 self._clock.tick()
             return found
 
-        direct, ends = list[Halved[Array]](), list[Halved[Array]]()
+        def batch(numbers: range) -> dict[str, Array]:
+            found = list(self._pool.map(one, numbers))
+            halves = [*zip(*found, strict=True)]
+            terms = Halved(*(np.stack([one.terms for one in half]) for half in halves))
+            ends = Halved(*(np.stack([one.patches for one in half]) for half in halves))
+            direct = halved_product(terms, self._field)
+            return dict(zip(PRODUCTS, (*direct, *ends), strict=True))
+
+        batches = []
         for first in range(0, len(items), BATCH):
-            found = list(self._pool.map(one, items[first : first + BATCH]))
-            terms = Halved(
-                *(np.stack([one.terms for one in each]) for each in zip(*found, strict=True))
-            )
-            direct.append(halved_product(terms, self._field))
-            ends += [Halved(whole.patches, difference.patches) for whole, difference in found]
-        return Products(
-            Halved(*(np.concatenate(each) for each in zip(*direct, strict=True))),
-            Halved(*(np.stack(each) for each in zip(*ends, strict=True))),
-        )
+            numbers, kept = items[first : first + BATCH], f"{name}-{first}"
+            found = self._parts.load(kept)
+            if found is None:
+                found = batch(numbers)
+                self._parts.save(kept, found)
+            elif ticks:
+                self._clock.skip(len(numbers))
+            batches.append(found)
+        whole = [np.concatenate([found[part] for found in batches]) for part in PRODUCTS]
+        return Products(Halved(*whole[:2]), Halved(*whole[2:]))

@@ -9,20 +9,20 @@ mixes facets as in the shader's preview (`render.preview.facet_blur`).
 from __future__ import annotations
 
 import itertools
-import operator
 import os
 import threading
+import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
+from render.finished_parts import NOTHING_KEPT, FinishedParts
 from render.geometry import counted_sites, flat_fiber_poses, in_state
 from render.preview.beams import shines_past_layers
 from render.preview.bonded import with_bonded_window
@@ -49,6 +49,8 @@ FIELD_COST = 2
 """Times that a photon of an exit field takes longer than a path from a facet."""
 FEWEST_ARRIVALS = 1000
 """Photons of a lamp at least."""
+SAVE_SECONDS = 2.0
+"""Between sums of photons that are kept."""
 WALKING = 3.0
 """So many times longer photons fly at most where they walk in a diffuser, and are fewer."""
 
@@ -132,8 +134,9 @@ class ConvergedTransport(NamedTuple):
 
 
 def transport_at(
-    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int = 0
-) -> ConvergedTransport:
+    scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int = 0,
+    parts: FinishedParts = NOTHING_KEPT,
+) -> ConvergedTransport:  # fmt: skip
     """Return transport at one bend, the same for any number of threads.
 
     While its color noise is above `NOISE_LIMIT`, the photons that fly to the facets are followed
@@ -147,27 +150,40 @@ def transport_at(
         clock: is ticked, `task_count` times in all; photons that are followed again are added to
             its total.
         seed: of all random numbers.
+        parts: where finished pieces of this work are kept, so that it goes on.
     """
     if scene.states is not None:
         effort = replace(effort, arrivals=effort.arrivals // len(scene.state_axis))
         scene, bend = in_state(scene, bend)
     if scene.by_channel and scene.coating.lobe is not None:
         # How much of the light is in the lobe differs, so each channel has light paths of its own.
-        parts = [
-            transport_at(one, bend, phi, effort, clock, seed) for one in scene.one_albedo_scenes
+        of_albedos = [
+            transport_at(one, bend, phi, effort, clock, seed, parts.inside(f"albedo-{number}"))
+            for number, one in enumerate(scene.one_albedo_scenes)
         ]
-        return _by_channel(scene, parts)
+        return _by_channel(scene, of_albedos)
     if not scene.window_refracts:
         scene = with_bonded_window(scene)
     sights = None if scene.coating.lobe is None else lines_of_sight(scene, bend)
-    paths = _Paths(scene, bend, phi, effort, clock, seed, sights)
+    paths = _Paths(scene, bend, phi, effort, clock, seed, sights, parts)
     blurs, channels = facet_blurs(scene, bend, ring_count(scene)), len(scene.palette.channels)
     with _threads(paths.stopped) as pool:
         spread = _exit_fields(paths, pool)
         followed = [_arrivals(paths, pool, effort.rounds * seed)]
         pressed, untouched = (
-            Gathering(scene, bend, block, spread, effort.paths, clock, pool, sights, seed)
-            for block in (paths.pressed, paths.untouched)
+            Gathering(
+                scene,
+                bend,
+                block,
+                spread,
+                effort.paths,
+                clock,
+                pool,
+                sights,
+                seed,
+                parts.inside(name),
+            )
+            for name, block in (("pressed", paths.pressed), ("untouched", paths.untouched))
         )
         facets, rings, spots = pressed.facets(), pressed.rings(), untouched.sites()
         while True:
@@ -178,16 +194,16 @@ def transport_at(
                 irradiance(rings, field_of(arrived, "rings"), sent[0]),
                 irradiance(spots, field_of(arrived, "spots"), sent[1]),
             )
-            parts = [
+            by_albedo = [
                 _seen(paths.columns, len(phi), blur, arrived.whole.grain, channels, *each)
                 for blur, *each in zip(blurs, *lit, strict=True)
             ]
-            noise = max(float(part.noise) for part in parts)
+            noise = max(float(part.noise) for part in by_albedo)
             if noise <= NOISE_LIMIT or len(followed) >= effort.rounds or not flies(scene).any():
                 break
             clock.total += _arrival_ticks(scene, effort)
             followed.append(_arrivals(paths, pool, effort.rounds * seed + len(followed)))
-    return parts[0] if len(parts) == 1 else _by_channel(scene, parts)
+    return by_albedo[0] if len(by_albedo) == 1 else _by_channel(scene, by_albedo)
 
 
 @contextmanager
@@ -245,8 +261,9 @@ class _Paths:
 
     def __init__(
         self, scene: Scene, bend: float, phi: Array, effort: Effort, clock: Clock, seed: int,
-        sights: Array | None,
+        sights: Array | None, parts: FinishedParts,
     ) -> None:  # fmt: skip
+        self.parts = parts
         self.scene, self.bend, self.phi, self.effort = scene, bend, phi, effort
         self.clock, self.seed, self.sights = clock, seed, sights
         self.stopped = threading.Event()
@@ -268,12 +285,19 @@ def _exit_fields(paths: _Paths, pool: ThreadPoolExecutor) -> Halved[Array]:
     def field_of(lamp: int) -> Halved[Array]:
         if not spread[lamp]:
             return Halved(*(np.zeros((rows, paths.nodes[lamp])) for _ in Halved._fields))
+        name, ticks = f"field-{lamp}", _field_ticks(paths.effort)
+        kept = paths.parts.load(name)
+        if kept is not None:
+            paths.clock.skip(ticks)
+            return Halved(**kept)
         found = exit_field(
             scene, paths.bend, lamp, paths.phi, paths.untouched, grid, paths.effort.photons,
             paths.seed,
         )  # fmt: skip
-        paths.clock.tick(_field_ticks(paths.effort))
-        return Halved(*(each.reshape(rows, -1) for each in found))
+        field = Halved(*(each.reshape(rows, -1) for each in found))
+        paths.parts.save(name, field._asdict())
+        paths.clock.tick(ticks)
+        return field
 
     fields = list(pool.map(field_of, range(scene.lamp_count)))
     return Halved(*(np.concatenate(each, axis=1) for each in zip(*fields, strict=True)))
@@ -285,6 +309,8 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
     receivers = receivers_at(scene, paths.bend, paths.sights)
 
     photons = _photons(scene, paths.effort)
+    every, ticks = batches(photons), _batch_ticks(scene, paths.effort)
+    sums = [_Sum(paths.parts, f"arrivals-{seed}-{lamp}") for lamp in range(scene.lamp_count)]
 
     def batch_of(lamp: int, numbers: range) -> Flown:
         if paths.stopped.is_set():
@@ -293,17 +319,18 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
             scene, paths.bend, lamp, paths.phi, paths.untouched, paths.pressed, receivers,
             photons, numbers, seed,
         )  # fmt: skip
-        paths.clock.tick(_batch_ticks(scene, paths.effort))
+        paths.clock.tick(ticks)
         return found
 
     # Batches of all lamps, so that no processor waits for the last lamp; summed in their order.
-    tasks = itertools.product(np.flatnonzero(flying).tolist(), batches(photons))
+    lit = np.flatnonzero(flying).tolist()
+    tasks = [(lamp, numbers) for lamp in lit for numbers in every[sums[lamp].count :]]
+    paths.clock.skip(ticks * (len(lit) * len(every) - len(tasks)))
     found = pool.map(lambda task: batch_of(*task), tasks)
     lamps = []
     for lamp in range(scene.lamp_count):
         if flying[lamp]:
-            of_lamp = itertools.islice(found, len(batches(photons)))
-            lamps.append(arrivals(scene, reduce(operator.add, of_lamp)))
+            lamps.append(arrivals(scene, sums[lamp].with_all(found, len(every))))
         else:
             lamps.append(Halved(*(no_arrivals(scene, paths.nodes[lamp]) for _ in Halved._fields)))
     return Halved(
@@ -312,6 +339,28 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
             for each in zip(*lamps, strict=True)
         )
     )
+
+
+class _Sum:
+    """What batches of a lamp's photons bring together, kept every `SAVE_SECONDS`."""
+
+    def __init__(self, parts: FinishedParts, name: str) -> None:
+        self.parts, self.name = parts, name
+        kept = parts.load(name) or {}
+        self.count = int(kept.pop("count", 0))
+        self.total = Flown(**kept) if kept else None
+
+    def with_all(self, batches: Iterator[Flown], count: int) -> Flown:
+        """Return the sum of ``count`` batches, of which ``batches`` brings the missing ones."""
+        saved = time.monotonic()
+        for brought in itertools.islice(batches, count - self.count):
+            self.total = brought if self.total is None else self.total + brought
+            self.count += 1
+            if self.count == count or time.monotonic() - saved > SAVE_SECONDS:
+                self.parts.save(self.name, self.total._asdict() | {"count": np.array(self.count)})
+                saved = time.monotonic()
+        assert self.total is not None  # there is a photon at least
+        return self.total
 
 
 def _mean(followed: list[Halved[Arrivals]]) -> Halved[Arrivals]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from optimize.design import keep_scene, load_design_file
-from optimize.overnight.result import Finalist, OvernightResult
+from optimize.overnight.result import MEASURED, Finalist, OvernightResult
 from optimize.overnight.run_directory import RunError
 from render.files import read_npz, write_npz
 from render.scene import scene_text, standalone
@@ -52,10 +52,12 @@ def test_equal_nights_make_equal_bytes(
 ) -> None:
     other = tmp_path / "other"
     keep_scene(other, standalone("finger20"))
-    finished_night.save(other)
+    # Equal, though one of them took longer.
+    replace(finished_night, facts=(("Time worked", "9 h"),)).save(other)
     files = [path for path in run_directory.rglob("*") if path.is_file()]
-    assert len(files) == 2 + len(finished_night.finalists)
-    for path in files:
+    assert len(files) == 3 + len(finished_night.finalists)
+    assert (run_directory / MEASURED).read_bytes() != (other / MEASURED).read_bytes()
+    for path in set(files) - {run_directory / MEASURED}:
         assert path.read_bytes() == (other / path.relative_to(run_directory)).read_bytes()
 
 
@@ -105,7 +107,7 @@ def test_a_damaged_night_is_refused_and_says_who_makes_it_anew(
         (lambda night: night["finalists"][1].update(key="../x"), "../x"),
         (lambda night: night["finalists"].reverse(), "runner-up"),
         (lambda night: night.update(more=1), "more"),
-        (lambda night: night.pop("facts"), "facts"),
+        (lambda night: night.pop("verdict"), "verdict"),
         (lambda night: night.update(scene_hash="0" * 16), "another scene"),
     ],
 )

@@ -6,9 +6,7 @@ Used by tests and by the processes that tests start and kill.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import re
 import signal
 import sqlite3
 import subprocess
@@ -22,7 +20,6 @@ import numpy as np
 from optimize.overnight.result import DESIGNS, NIGHT
 from optimize.overnight.run_directory import RECORD
 from optimize.overnight.store import RENDERS, Request
-from render.files import read_npz
 from render.reference import RenderJob, transport_jobs
 from render.scene import Scene, load_scene
 
@@ -97,18 +94,13 @@ def rows(run: Path, query: str) -> list[tuple[object, ...]]:
 
 
 def outcome(run: Path) -> dict[str, object]:
-    """Return everything of a run but the seconds that it took."""
-    files = ["model/checker.onnx", "table/reference.npz", "scene.toml"]
+    """Return the SHA-256 of everything of a run that no clock has a part in, and what it logged."""
+    files = [NIGHT, "model/checker.onnx", "model/golden.npz", "table/reference.npz", "scene.toml"]
     files += [f"{DESIGNS}/{path.name}" for path in sorted((run / DESIGNS).iterdir())]
     files += [f"{RENDERS}/{path.name}" for path in sorted((run / RENDERS).iterdir())]
-    arrays = read_npz(run / NIGHT)
-    night = json.loads(str(arrays.pop("night")))
-    kept = ("scene_hash", "replicates", "finalists", "winner", "verdict", "steps")
     decisions = rows(run, "SELECT name, value FROM decisions ORDER BY name")
     return {
         **{name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in files},
-        **{name: array.tobytes() for name, array in arrays.items()},
-        **{name: night[name] for name in kept},
-        "decisions": [r for r in decisions if not re.search("/model$|^finished", str(r[0]))],
+        "decisions": [r for r in decisions if not str(r[0]).startswith("finished")],
         "evaluations": rows(run, "SELECT key, sha256 FROM evaluations ORDER BY key"),
     }

@@ -40,7 +40,7 @@ def test_a_folder_with_other_files_is_left_alone(
 ) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(ModelError, match=r"thesis\.txt"):
-        write_package(tmp_path, graph, trained.metadata, "", {})
+        write_package(tmp_path, graph, trained.metadata, "", {}, {})
     assert [item.name for item in tmp_path.iterdir()] == ["thesis.txt"]
 
 
@@ -53,6 +53,6 @@ def test_a_model_that_is_too_large_leaves_the_old_one_in_place(
     whole = trained.folder / MODEL_FILE
     monkeypatch.setattr(package, "export_onnx", lambda *to: shutil.copy(whole, to[2]))
     with pytest.raises(ModelError, match="allowed: below 10"):
-        write_package(old, graph, trained.metadata, "", {})
+        write_package(old, graph, trained.metadata, "", {}, {})
     assert (old / "checker.onnx").read_bytes() == (trained.folder / "checker.onnx").read_bytes()
     assert [item.name for item in tmp_path.iterdir()] == ["model"]

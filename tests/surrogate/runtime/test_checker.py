@@ -312,7 +312,7 @@ def test_an_error_while_a_model_runs_is_one_sentence(copy: Path, checker: Checke
         ("held_out", [row(effort="many renders")]),
         ("residual", {"cells": 10}),
         ("residual", {"kind": "network", "cells": 0}),
-        ("renderer", {"seconds": "long"}),
+        ("renderer", {"samples_per_cell": "many"}),
         ("conventions", {"count_max": -255.0}),
     ],
 )

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
+from render.finished_parts import FinishedParts
 from render.progress import Progress
 from render.scene import Scene
 from render.transport import TransportTable
 from surrogate.model.preview_grid import PreviewGrid
 from surrogate.training.dataset import RegressionData, build_rows, folds, training_cells
-from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.fit import Fit, fit_residual
 from surrogate.training.fit_task import FitConfig, FitTask
 from surrogate.training.mlp import NetworkConfig, fit_networks

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from render.finished_parts import FinishedParts
 from render.preview.converged import (
     ConvergedTransport,
     Effort,
@@ -21,7 +22,6 @@ from render.scene import Scene
 from surrogate.model.converged_grid import corrected
 from surrogate.model.preview_grid import InterpolationError, PreviewGrid, draw_grid
 from surrogate.training import training_preview
-from surrogate.training.finished_parts import FinishedParts
 from surrogate.training.training_preview import TrainingPreview, followed_grid
 from tests.small_scenes import small_scene
 

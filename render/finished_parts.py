@@ -1,9 +1,9 @@
-"""What a fit has worked out so far, so that one that is ended at any instant goes on from there.
+"""What long work has found so far, so that what is ended at any instant goes on from there.
 
 A fit is made of parts: the preview's grid, every ridge, every training of networks, every
-evaluation. Each is kept in a file of its own when it is done, and the training of networks every
-few seconds besides. A fit that is asked for again passes through the finished parts within moments
-and ends bit-equal.
+evaluation; traced light of what each lamp sends and each facet gets. Each is kept in a file of its
+own when it is done, sums and networks in training every few seconds besides. What is asked for
+again passes through the finished parts within moments and ends bit-equal.
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ class FinishedParts:
     def __init__(self, folder: Path | None, key: str) -> None:
         self.folder, self.key = folder, key
 
+    def inside(self, name: str) -> FinishedParts:
+        """Return those of a piece of the work, in a folder of its own."""
+        return type(self)(None if self.folder is None else self.folder / name, self.key)
+
     def load(self, name: str) -> dict[str, np.ndarray] | None:
         """Return what was kept as ``name``, None where that is nothing or of other work."""
         if self.folder is None:
@@ -61,3 +65,7 @@ class FinishedParts:
         """Return the dataclass of numbers and words kept as ``name``, or make and keep it."""
         kept = self.arrays(name, lambda: {"value": np.array(json.dumps(asdict(make())))})
         return kind(**json.loads(str(kept["value"])))
+
+
+NOTHING_KEPT = FinishedParts(None, "")
+"""Of work that begins anew whenever it is asked for."""

@@ -1,10 +1,10 @@
-"""Kills a whole night of the tiny sensor again and again, for real, and says what that cost.
+"""Kills a command on the tiny sensor again and again, for real, and says what that cost.
 
-Every attempt is a new process that imports all it needs, as a user's is. Lifetimes are drawn evenly
-from nothing to twice the mean. Seconds are those of the processor that an attempt has
-used: on a machine with nothing else to do they are those on the wall.
+Nothing is in the cache when it begins. Every attempt is a new process that imports all it needs, as
+a user's is. Lifetimes are drawn evenly from nothing to twice the mean. Seconds are those of the
+processor that an attempt has used: on a machine with nothing else to do they are those on the wall.
 
-Usage: killed_nights.py FOLDER SEED MEAN_LIFE
+Usage: killed_commands.py COMMAND FOLDER SEED MEAN_LIFE
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import sys
 import time
 from pathlib import Path
 
+from tests.optimize.overnight.commands import words_of
 from tests.optimize.overnight.tiny import start, write_tiny
 
-SAMPLES = 8
 MAX_ATTEMPTS = 60
 
 
@@ -33,10 +33,11 @@ def used(process: subprocess.Popen[str]) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def attempt(scene: Path, run: Path, life: float) -> tuple[bool, float]:
+def attempt(name: str, scene: Path, folder: Path, life: float) -> tuple[bool, float]:
     """Let an attempt live for ``life`` seconds; return whether it ended itself, and its seconds."""
-    with run.with_suffix(".txt").open("a", encoding="utf-8") as said:
-        process = start("overnight", scene, "--out", run, "--samples", SAMPLES, output=said)
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
+    with folder.with_suffix(".txt").open("a", encoding="utf-8") as said:
+        process = start(*words_of(name, scene, folder), output=said)
     seconds = 0.0
     while process.poll() is None:
         try:
@@ -49,19 +50,21 @@ def attempt(scene: Path, run: Path, life: float) -> tuple[bool, float]:
             return False, seconds
         time.sleep(0.01)
     if process.returncode:
-        raise SystemExit(f"an attempt failed: {run.with_suffix('.txt').read_text()}")
+        raise SystemExit(f"an attempt failed: {folder.with_suffix('.txt').read_text()}")
     return True, seconds
 
 
 def main() -> None:
-    """Run an unbroken night and one that is killed; print their seconds and the lives as JSON."""
-    folder, rng, mean = Path(sys.argv[1]), random.Random(int(sys.argv[2])), float(sys.argv[3])
+    """Run a command unbroken and killed; print the seconds of both and the lives as JSON."""
+    name, folder, rng, mean = (
+        sys.argv[1], Path(sys.argv[2]), random.Random(int(sys.argv[3])), float(sys.argv[4])
+    )  # fmt: skip
     scene = write_tiny(folder)
-    _, unbroken = attempt(scene, folder / "unbroken", math.inf)
+    _, unbroken = attempt(name, scene, folder / "unbroken", math.inf)
     lives: list[float] = []
     done = False
     while not done and len(lives) < MAX_ATTEMPTS:
-        done, seconds = attempt(scene, folder / "broken", rng.uniform(0.0, 2.0) * mean)
+        done, seconds = attempt(name, scene, folder / "broken", rng.uniform(0.0, 2.0) * mean)
         lives.append(seconds)
     print(json.dumps({"done": done, "unbroken": unbroken, "broken": sum(lives), "lives": lives}))
 
