@@ -26,7 +26,7 @@ from optimize.readers import (
     ErrorComparison,
     Reading,
     compare_readings,
-    model_error,
+    likely_errors,
     reading,
     reads_better,
 )
@@ -294,7 +294,8 @@ def rate(
     rating = ScoreSettings(checker.exposure, checker.lam).rating(
         checker.level, parts | {"score": score}, (score - half, score + half), checker.effort
     )
-    read = reading(scene, predicted_colors(checker, design), error=model_error(checker))
+    errors = likely_errors(checker, design)
+    read = reading(scene, predicted_colors(checker, design), errors=errors)
     return Stage(
         scene=scene,
         key=key,

@@ -8,7 +8,7 @@ from optimize.readers.compare_readings import (
     reads_better,
 )
 from optimize.readers.expected_error import ExpectedError
-from optimize.readers.model_colors import ModelColors, model_error
+from optimize.readers.model_colors import ModelColors, likely_errors
 from optimize.readers.named_readers import expected_error
 from optimize.readers.normals import guessing_error
 from optimize.readers.place_error import PlaceError

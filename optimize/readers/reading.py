@@ -177,7 +177,7 @@ def reading(
     camera: CameraModel | None = None,
     seeds: Sequence[int] = range(SEEDS),
     shown: Array | None = None,
-    error: float | None = None,
+    errors: Array | None = None,
 ) -> Reading:
     """Return both readers' errors on ``shown``, after they learned from ``known``.
 
@@ -191,16 +191,15 @@ def reading(
         camera: noise and exposure; that of the scene unless given.
         seeds: draw normals and noise independently; the same show two designs the same.
         shown: likewise, ``known`` itself unless given.
-        error: one standard deviation of what a color of ``known`` is off by, relative; None where
-            nobody knows.
+        errors: ``(draw, ...)`` of what ``known`` may be off by; None where nobody knows.
     """
     camera = camera or CameraModel.of(scene)
     learned = ExposedColors.of(known, camera)
     true = learned if shown is None else learned.like(shown)
     found = [read_normals(scene, learned, true, camera, seed) for seed in seeds]
     offsets = {name: np.empty(0) for name in READERS}
-    if error is not None:
-        offsets = model_offsets(scene, ModelColors(known[None], error), camera)
+    if errors is not None:
+        offsets = model_offsets(scene, ModelColors(known[None], errors[:, None]), camera)
     figures = {
         name: ReaderFigures.of(np.stack([getattr(errors, name) for errors in found]), offsets[name])
         for name in READERS

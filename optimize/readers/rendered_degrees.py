@@ -24,7 +24,7 @@ from optimize.design import Array
 from optimize.objectives import READERS, ReaderName
 from optimize.readers.camera_model import CameraModel
 from optimize.readers.expected_error import ExpectedError
-from optimize.readers.model_colors import DRAWS, ModelColors
+from optimize.readers.model_colors import ModelColors
 from optimize.readers.named_readers import expected_error
 from optimize.scoring import (
     JackknifeEstimate,
@@ -99,12 +99,8 @@ def _by_model(
     def line(seen: Array) -> Array:
         return np.asarray(start + (slopes * (seen - model.colors)).sum(axis=(-4, -3, -2, -1)))
 
-    rng, curved = np.random.default_rng(0), []
-    for _ in range(DRAWS):
-        # Designs share the errors of their model.
-        off = model.drawn(rng, rng)
-        curved.append(signs @ (error.degrees(off) - line(off)))
-    drawn = np.array(curved)
+    shifted = model.colors + model.errors
+    drawn = np.array([signs @ (error.degrees(off) - line(off)) for off in shifted])
     bias = np.abs(drawn.mean(axis=0)) + normal_factor(0.9) * drawn.std(axis=0)
     values = line(colors) @ signs.T
     return [

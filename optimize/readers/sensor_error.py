@@ -7,9 +7,6 @@ variance v, the sum of squares that is minimized becomes
 Bishop 1995). A normal is then missed by the bias ``y - W a`` and by noise of the variances
 ``v_c |W da/dx_c|^2``; ``sqrt(bias^2 + pi / 4 noise^2)`` is the mean length where either is small
 (Rayleigh). Measured against the reader itself: `tests/validation/test_readers.py`.
-
-Derivatives hold the center and the scale of all colors, which the ridge alone feels: along random
-directions they are within 1.2 % of differences, and within 5 % for two shots of one light.
 """
 
 from __future__ import annotations
@@ -70,7 +67,8 @@ class _Fit:
 
     Shapes: N designs, S sites, R rows (state times normal), C channels, F color monomials,
     P place monomials. ``rows`` ``(N, S, R (1 + C), F)`` are the features and, for each channel,
-    their derivatives times the noise's deviation.
+    their derivatives times the noise's deviation. ``standard`` are colors less their mean, in units
+    of ``scale``, as deviations are; ``stretched`` says which channels' scale is that of the colors.
     """
 
     def __init__(self, of: SensorError, colors: Array, gain: Array) -> None:
@@ -82,9 +80,12 @@ class _Fit:
         self.counts = counts = np.clip(counts, 0.0, FULL_SCALE)
         channels = counts.shape[-1]
         center = counts.mean(axis=(1, 2), keepdims=True)
-        self.scale = np.maximum(counts.std(axis=(1, 2), keepdims=True), LEAST_DEVIATION)
+        scatter = counts.std(axis=(1, 2), keepdims=True)
+        self.stretched = scatter > LEAST_DEVIATION
+        self.scale = np.maximum(scatter, LEAST_DEVIATION)
         self.deviation = np.sqrt(of.camera.variance(counts, self.gain)) / self.scale
-        features = monomials((counts - center) / self.scale, COLOR_DEGREE)
+        self.standard = (counts - center) / self.scale
+        features = monomials(self.standard, COLOR_DEGREE)
         terms = features.shape[-1]
         lowered = derivatives(channels, COLOR_DEGREE)
         self.slope = np.stack([features @ matrix for matrix in lowered], axis=3)
@@ -137,7 +138,12 @@ class _Fit:
         for channel, matrix in enumerate(lowered):
             noise = at_rows[:, :, :, 1 + channel] * self.deviation[..., channel, None]
             by_features += noise @ matrix.T
-        by_counts = np.einsum("nsrf,nsrcf->nsrc", by_features, self.slope) / self.scale
+        by_standard = np.einsum("nsrf,nsrcf->nsrc", by_features, self.slope)
+        # Brighter colors move their mean, and by x / n their scale, of colors and deviations alike.
+        by_scale = by_standard * self.standard + by_deviation * self.deviation
+        by_scale = self.stretched * by_scale.mean(axis=(1, 2), keepdims=True)
+        by_counts = by_standard - by_standard.mean(axis=(1, 2), keepdims=True)
+        by_counts = (by_counts - by_scale * self.standard) / self.scale
         safe = np.where(self.dim, self.deviation, 1.0)
         by_variance = np.where(self.dim, by_deviation / (2.0 * safe * self.scale**2), 0.0)
         by_counts += by_variance * of.camera.shot * self.gain

@@ -26,6 +26,7 @@ from optimize.scoring.surrogate_model import (
     open_model,
     predict_design,
     predicted_colors,
+    predicted_spread,
     scene_model,
     search_table,
     trained_model,

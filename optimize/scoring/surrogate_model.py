@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from optimize.design import RUN_MODEL, Array, Design, RatedDesign, noise_words
+from optimize.scoring.confidence import normal_factor
 from optimize.ui.console import ProgressBar
 from render.arguments import as_path
 from render.chebyshev import chebyshev_nodes
@@ -237,13 +238,33 @@ def predicted_colors(checker: Checker, design: Design) -> Array:
     Counts ``(B, S, facet + 1, C)`` at the scene's exposure, the pad last, not clipped: light is
     linear, so what would saturate is asked for at less power.
     """
+    output, part = _unclipped(checker, design)
+    return np.concatenate([output["counts"], output["background"][:, :, None]], axis=2) / part
+
+
+def predicted_spread(checker: Checker, design: Design) -> Array:
+    """Return one standard deviation of what `predicted_colors` are off by, of their shape.
+
+    It is what held-out renders calibrated, without their noise. The pad is off by as much as the
+    facets of its site, relatively, and photon noise of traced light comes on top.
+    """
+    output, part = _unclipped(checker, design)
+    counts, spread = output["counts"], output["counts_spread"]
+    spread = spread * (checker.counts_factor / normal_factor(checker.coverage))
+    facets = counts.sum(axis=2)
+    relative = np.divide(spread.sum(axis=2), facets, out=np.zeros_like(facets), where=facets > 0.0)
+    pad = output["background"][:, :, None]
+    both = np.concatenate([spread, relative[:, :, None] * pad], axis=2)
+    noise = (checker.photon_noise or 0.0) * np.concatenate([counts, pad], axis=2)
+    return np.hypot(both, noise) / part
+
+
+def _unclipped(checker: Checker, design: Design) -> tuple[dict[str, Array], float]:
+    """Return outputs at the scene's states at so little power that nothing clips, and its part."""
     states, limit = np.array(checker.metadata.scene_bends), checker.metadata.metric.count_max
     part = 1.0
     while True:
-        dimmed = replace(design, drive=design.drive * part)
-        output = predict_design(checker, dimmed, states)
+        output = predict_design(checker, replace(design, drive=design.drive * part), states)
         if max(output["counts"].max(), output["background"].max()) < limit:
-            break
+            return output, part
         part /= 4.0
-    pad = output["background"][:, :, None]
-    return np.concatenate([output["counts"], pad], axis=2) / part

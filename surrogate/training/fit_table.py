@@ -50,9 +50,10 @@ TAUS = tuple(0.0025 * 2.0**step for step in range(14))
 def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
     """Return what is known of the model's errors, and the grid that it is.
 
-    All errors are of a model of one half of the light paths against the other half; the whole
-    model has half their variance. The tau of the table alone is of the whole against the truth,
-    from that of the halves by the formula of Spearman (1910) and Brown (1910).
+    All errors are of a model of one half of the light paths against the other half. The whole
+    model knows cells better, by the ratio of the standard deviations that both means of preview
+    and render have; its spread is told so. The tau of the table alone is of the whole against the
+    truth, from that of the halves by the formula of Spearman (1910) and Brown (1910).
     """
     cells, rows = task.cells, task.rows
     assert cells.half_difference is not None  # a table that was rendered, see `train`
@@ -101,10 +102,12 @@ def fit_table(task: FitTask) -> tuple[Fit, PreviewGrid]:
         coverage(second, conformal(first, known)),
         coverage(first, conformal(second, known)),
     )
+    narrower = _spread_of(preview, cells.transport, noise / math.sqrt(2.0), unit, tau)
+    narrower /= _spread_of(preview, cells.transport, noise, unit, tau)
     fit = Fit(
         residual=NoResidual(SIZE),
         kind=TABLE if kept else NONE,
-        spread=spread,
+        spread=(spread[0] + math.log(narrower), spread[1]),
         quantiles=conformal(_joined(first, second), known),
         coverage=replace(
             tried[0],
@@ -129,6 +132,14 @@ def _shrunk(preview: Array, render: Array, noise: Array, unit: Array, tau: float
     sigma = noise * np.maximum(preview, render) / unit
     weight = tau**2 / (tau**2 + np.maximum(sigma, 1e-6) ** 2)
     return np.asarray(preview + weight * (render - preview))
+
+
+def _spread_of(preview: Array, render: Array, noise: Array, unit: Array, tau: float) -> float:
+    """Return the deviation of `_shrunk`, root mean square in ``unit``; 1 for the preview alone."""
+    if tau == 0.0:
+        return 1.0
+    sigma = noise * np.maximum(preview, render) / unit
+    return float(np.sqrt(np.mean(tau**2 * sigma**2 / (tau**2 + sigma**2))))
 
 
 def _gains(preview: Array, halves: list[Array], noise: Array, unit: Array, tau: float) -> Array:

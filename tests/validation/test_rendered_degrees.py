@@ -18,6 +18,7 @@ import pytest
 from optimize.design import Design, dimmed_baseline
 from optimize.objectives import READERS
 from optimize.readers import CameraModel, ModelColors, expected_error, rendered_degrees
+from optimize.readers.model_colors import drawn_errors
 from optimize.scoring import predict_design, predicted_colors, search_table, trained_model
 from render.metric import superposed
 from render.noise_share import noise_share
@@ -57,6 +58,19 @@ class Pair:
         """Return those of both designs at the scene's exposure."""
         lit = [superposed(light, design.power) for design in self.designs]
         return self.table.exposure * np.stack(lit)
+
+    def likely_errors(self) -> np.ndarray:
+        """Return errors ``(draw, design, ...)`` of a model that is off as the truth below is."""
+        lamps = [
+            self.counts(self.light * (np.arange(len(self.light)) == lamp)[:, None, None, None])
+            for lamp in range(len(self.light))
+        ]
+        spread = MODEL_ERROR * math.sqrt(len(lamps)) * np.sqrt(np.square(lamps).sum(axis=0))
+        drawn = [
+            drawn_errors(one, ((lamp[design], [number]) for number, lamp in enumerate(lamps)))
+            for design, one in enumerate(spread)
+        ]
+        return np.stack(drawn, axis=1)
 
 
 def replicates(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
@@ -105,7 +119,7 @@ def test_a_model_that_is_a_little_off_helps_to_read_noisy_renders(name: str, noi
     rng = np.random.default_rng(3)
     pair = Pair.of(name, rng)
     scene, light = pair.scene, pair.light
-    model = ModelColors(pair.counts(light), MODEL_ERROR)
+    model = ModelColors(pair.counts(light), pair.likely_errors())
     held, sharper, off = ({reader: [] for reader in READERS} for _ in range(3))
     forms = {reader: expected_error(reader, scene, CAMERA) for reader in READERS}
     for _ in range(TRIALS):

@@ -25,11 +25,11 @@ class SensorError {
     this.rowsOf = Array.from({ length: sites }, (_, s) => Int32Array.from({ length: bends * this.normals },
       (_, i) => (Math.floor(i / this.normals) * sites + s) * this.normals + (i % this.normals)));
     const { rows, terms, size } = this, array = (count) => new Float64Array(count);
-    this.counts = array(rows * channels);
+    [this.counts, this.standard] = [0, 0].map(() => array(rows * channels));
     this.features = array(rows * terms);
     this.lowered = array(rows * channels * terms);
     this.deviation = array(rows * channels);
-    this.scale = array(channels);
+    [this.scale, this.stretched] = [0, 0].map(() => array(channels));
     this.factor = array(size * size);
     [this.missed, this.weighed] = [0, 0].map(() => array(rows * (1 + channels) * 2));
     this.metric = array(3 * rows);
@@ -54,13 +54,18 @@ class SensorError {
     }
     this.scale.fill(0);
     for (let i = 0; i < counts.length; i++) this.scale[i % channels] += (counts[i] - center[i % channels]) ** 2;
-    for (let c = 0; c < channels; c++) this.scale[c] = Math.max(Math.sqrt(this.scale[c] / rows), this.leastDeviation);
+    for (let c = 0; c < channels; c++) {
+      const scatter = Math.sqrt(this.scale[c] / rows);
+      this.stretched[c] = scatter > this.leastDeviation ? 1 : 0;
+      this.scale[c] = Math.max(scatter, this.leastDeviation);
+    }
+    for (let i = 0; i < counts.length; i++)
+      this.standard[i] = (counts[i] - center[i % channels]) / this.scale[i % channels];
     for (let r = 0; r < rows; r++) {
       const at = r * terms;
       features[at] = 1;
       for (let t = 1; t < terms; t++) {
-        const c = this.variable[t];
-        features[at + t] = (features[at + this.lower[t]] * (counts[r * channels + c] - center[c])) / this.scale[c];
+        features[at + t] = features[at + this.lower[t]] * this.standard[r * channels + this.variable[t]];
       }
       for (let c = 0; c < channels; c++) {
         const to = (r * channels + c) * terms, { lower, term, power } = this.derivatives[c];
@@ -190,23 +195,23 @@ class SensorError {
     }
     /* Through the weights: they solve gram W = right. */
     const adjoint = this.atSites(solve(this.factor, size, right)), slope = new Float64Array(terms);
-    const found = { degrees, byColors: new Float64Array(colors.length), byGain: 0 };
-    const byFeatures = new Float64Array(terms), byDeviation = new Float64Array(channels);
+    const byFeatures = new Float64Array(terms);
+    const [byStandard, byDeviation] = [0, 0].map(() => new Float64Array(rows * channels));
     for (let s = 0; s < sites; s++) for (const r of this.rowsOf[s]) {
       byFeatures.fill(0);
       for (let j = 0; j <= channels; j++) {
         this.slopeOfRow(s, r, j, byTold, adjoint, slope);
         if (!j) { byFeatures.set(slope); continue; }
         const c = j - 1, at = r * channels + c, { lower, term, power } = this.derivatives[c];
-        byDeviation[c] = 0;
         for (let a = 0; a < term.length; a++) {
-          byDeviation[c] += slope[term[a]] * this.lowered[at * terms + term[a]];
+          byDeviation[at] += slope[term[a]] * this.lowered[at * terms + term[a]];
           byFeatures[lower[a]] += power[a] * slope[term[a]] * this.deviation[at];
         }
       }
-      this.addColors(r, gain, byFeatures, byDeviation, found);
+      for (let at = r * channels; at < (r + 1) * channels; at++) for (const t of this.derivatives[at % channels].term)
+        byStandard[at] += byFeatures[t] * this.lowered[at * terms + t];
     }
-    return found;
+    return { degrees, ...this.byColors(gain, byStandard, byDeviation) };
   }
 
   /* Features of a row (j = 0), or their derivatives by a channel times the noise's deviation. */
@@ -233,21 +238,28 @@ class SensorError {
     }
   }
 
-  /* Adds a row's slopes by colors and gain. */
-  addColors(r, gain, byFeatures, byDeviation, found) {
-    const { channels, terms, patches, weights, counts, deviation, scale, camera, lowered } = this;
-    const cell = Math.floor(r / this.normals) * patches;
-    for (let c = 0; c < channels; c++) {
-      const i = r * channels + c, { term } = this.derivatives[c];
-      if (counts[i] <= 0 || counts[i] >= camera.fullScale) continue;
-      let slope = 0;
-      for (let a = 0; a < term.length; a++) slope += byFeatures[term[a]] * lowered[i * terms + term[a]];
-      const byVariance = byDeviation[c] / (2 * deviation[i] * scale[c] ** 2);
-      slope = (slope / scale[c] + byVariance * camera.shot * gain) / DEGREE;
-      found.byGain += (byVariance * camera.byGain(counts[i], gain)) / DEGREE;
-      for (let k = 0; k < patches; k++)
-        found.byColors[channels * (cell + k) + c] += weights[r * patches + k] * slope;
+  /* Slopes by colors and gain. Brighter colors move their mean, and by x / n their scale, of colors and
+     deviations alike. */
+  byColors(gain, byStandard, byDeviation) {
+    const { rows, channels, patches, weights, counts, standard, deviation, scale, camera } = this;
+    const byColors = new Float64Array(this.bends * this.sites * patches * channels);
+    const [byMean, byScale] = [0, 0].map(() => new Float64Array(channels));
+    for (let i = 0; i < counts.length; i++) {
+      const c = i % channels;
+      byMean[c] += byStandard[i] / rows;
+      byScale[c] += (this.stretched[c] * (byStandard[i] * standard[i] + byDeviation[i] * deviation[i])) / rows;
     }
+    let byGain = 0;
+    for (let i = 0; i < counts.length; i++) {
+      if (counts[i] <= 0 || counts[i] >= camera.fullScale) continue;
+      const c = i % channels, r = (i - c) / channels, cell = Math.floor(r / this.normals) * patches;
+      const byVariance = byDeviation[i] / (2 * deviation[i] * scale[c] ** 2);
+      const byCounts = (byStandard[i] - byMean[c] - byScale[c] * standard[i]) / scale[c];
+      const slope = (byCounts + byVariance * camera.shot * gain) / DEGREE;
+      byGain += (byVariance * camera.byGain(counts[i], gain)) / DEGREE;
+      for (let k = 0; k < patches; k++) byColors[channels * (cell + k) + c] += weights[r * patches + k] * slope;
+    }
+    return { byColors, byGain };
   }
 }
 

@@ -49,11 +49,11 @@ def test_slopes_are_those_of_differences(
         difference = error.exposed_degrees(colors + step, gain) - error.exposed_degrees(
             colors - step, gain
         )
-        assert 2.0 * (slopes * step).sum() == pytest.approx(float(difference[0]), rel=2e-3)
+        assert 2.0 * (slopes * step).sum() == pytest.approx(float(difference[0]), rel=1e-5)
     difference = error.exposed_degrees(colors, gain + 1e-4) - error.exposed_degrees(
         colors, gain - 1e-4
     )
-    assert 2e-4 * by_gain == pytest.approx(difference, rel=2e-3)
+    assert 2e-4 * by_gain == pytest.approx(difference, rel=1e-5)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -12,6 +12,7 @@ from optimize.readers import (
     reading,
     saturating_tilts,
 )
+from optimize.readers.model_colors import drawn_errors
 from optimize.readers.normal_colors import color_weights, colors_of_normals, weight_slopes
 from optimize.readers.reading import AngleErrors, read_normals
 from render.scene import Scene, unchecked
@@ -173,12 +174,18 @@ def test_a_channel_saturates_from_the_tilt_at_which_its_color_reaches_full_scale
     assert blue is None
 
 
+def likely(colors: np.ndarray, error: float) -> np.ndarray:
+    """Return errors that are likely where a lamp in each channel is off by ``error``, relative."""
+    lamps = [(colors * (np.arange(3) == channel), [channel]) for channel in range(3)]
+    return drawn_errors(error * colors, lamps)
+
+
 def test_what_a_model_may_be_off_by_is_in_intervals_of_readings(finger20: Scene) -> None:
     colors = lambertian(finger20, 0.6)
     plain = reading(finger20, colors, seeds=range(4))
     rng = np.random.default_rng(0)
     for error in (0.01, 0.03):
-        known = reading(finger20, colors, seeds=range(4), error=error)
+        known = reading(finger20, colors, seeds=range(4), errors=likely(colors, error))
         for reader in ("sensor", "place"):
             figures, alone = getattr(known, reader), getattr(plain, reader)
             low, high = figures.interval
@@ -193,6 +200,7 @@ def test_what_a_model_may_be_off_by_is_in_intervals_of_readings(finger20: Scene)
 
 
 def test_readings_of_one_model_that_agree_have_no_difference(finger20: Scene) -> None:
-    both = [reading(finger20, lambertian(finger20, 0.6), error=0.02) for _ in range(2)]
+    colors = lambertian(finger20, 0.6)
+    both = [reading(finger20, colors, errors=likely(colors, 0.02)) for _ in range(2)]
     for one in compare_readings(*both).values():
         assert (one.difference, one.interval) == (0.0, (0.0, 0.0))
