@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design.design import Array
+from optimize.design.design import Array, Colors
 from optimize.design.linear_rules import Budget
 from render.errors import DesignError
-from render.scene import LedEntry, Scene, entries_in, entries_of, known_leds
+from render.scene import LampCount, LedEntry, Scene, entries_in, entries_of, known_leds
 
 FULL_MILLIAMPERES = 20.0
 """Of an LED that is no known part, at full power."""
@@ -28,6 +28,56 @@ def searched_parts(scene: Scene) -> tuple[str, ...]:
     known = known_leds(scene.parts or ())
     entries = [entry.name for name in scene.search.parts for entry in entries_of(known[name])]
     return tuple(name for name in entries if name in scene.palette.one_shot.names)
+
+
+def counted_leds(scene: Scene, count: LampCount) -> list[int]:
+    """Return the numbers of the LEDs that ``count`` is of; parts that are not placed are none."""
+    known, names = known_leds(scene.parts or ()), scene.palette.one_shot.names
+    asked = {
+        entry.name
+        for name in count.of
+        for entry in (entries_of(known[name]) if name in known else ())
+    }
+    return [led for led, name in enumerate(names) if name in asked or name in count.of]
+
+
+def counted_limits(
+    scene: Scene, led: Colors, led_counts: Colors, allowed: NDArray[np.bool_]
+) -> tuple[Colors, tuple[Budget, ...]]:
+    """Return how many LEDs of each type there are, and the budgets that ``[[search.counts]]`` are.
+
+    Arguments:
+        scene: whose search counts.
+        led: ``(choice,)`` the LED of each choice, off among them.
+        led_counts: ``(LED,)`` how many there are without it.
+        allowed: ``(F, choice)`` what lamps may be.
+
+    At least so many of some are at most so many of all others, off included.
+
+    Raises:
+        DesignError: fewer lamps may be one of them than there shall be.
+    """
+    led_counts, found, fibers = led_counts.copy(), [], len(allowed)
+    for number, count in enumerate(scene.search.counts if scene.search is not None else ()):
+        leds, key = counted_leds(scene, count), f"search.counts.{number}"
+        if not leds:
+            continue
+        of_them = np.isin(led, leds)
+        room = int(allowed[:, of_them].any(axis=1).sum())
+        if count.exactly is not None and count.exactly > room:
+            raise DesignError(
+                f"{key} asks for {count.words}, but {room} lamps may be one, allowed: at most "
+                f"{room}",
+                field=key,
+            )
+        each = np.tile(of_them, (fibers, 1)).astype(np.float64)
+        if len(leds) == 1:
+            led_counts[leds] = np.minimum(led_counts[leds], count.most)
+        else:
+            found.append(Budget(key, each, count.most))
+        if count.exactly is not None:
+            found.append(Budget(key, 1.0 - each, fibers - count.exactly))
+    return led_counts, tuple(found)
 
 
 def part_choices(scene: Scene) -> NDArray[np.bool_]:
