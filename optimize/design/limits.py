@@ -354,10 +354,10 @@ def limits_of(scene: Scene) -> SearchLimits:
     allowed = free.allowed.copy()
     if some_off and not may_be_off:
         allowed[:, -1] = False
-    exclusive = None
     if parts:
-        allowed[:, : len(palette.names)] = choices_of_parts = part_choices(scene)
-        exclusive = overlapping(scene, choices_of_parts)
+        allowed[:, : len(palette.names)] = part_choices(scene)
+    near = overlapping(scene, allowed[:, : len(palette.names)] & bool(parts))
+    exclusive = near if near.any() else None
     if alone.any():
         allowed[alone] = np.arange(allowed.shape[1]) == len(palette.names)
     for entry in given.fixed:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from optimize.design.design import Array, Colors
 from optimize.design.linear_rules import Budget
 from render.errors import DesignError
-from render.scene import LampCount, LedEntry, Scene, entries_in, entries_of, known_leds
+from render.scene import OFF, LampCount, LedEntry, Scene, entries_in, entries_of, known_leds
 
 FULL_MILLIAMPERES = 20.0
 """Of an LED that is no known part, at full power."""
@@ -100,8 +100,9 @@ def part_choices(scene: Scene) -> NDArray[np.bool_]:
 def overlapping(scene: Scene, choices: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which lamps ``(F, F)`` are too near to be lit together.
 
-    A lamp is as wide as the widest part that it may be, by ``choices`` ``(F, color)``, or else as
-    it is drawn.
+    Bodies may not overlap: a lamp is as wide as the widest part that it may be, by ``choices``
+    ``(F, color)``, or else as it is drawn. Lamps that are no parts keep `Search.apart` where the
+    search says so. What the baseline lights may be lit together.
     """
     lamps = scene.placed_lamps()
     widths = np.array([0.0 if one is None else one.led.body_mm[0] for one in part_entries(scene)])
@@ -109,10 +110,12 @@ def overlapping(scene: Scene, choices: NDArray[np.bool_]) -> NDArray[np.bool_]:
     widest = np.where(choices, widths, 0.0).max(axis=1)
     width = np.where(choices.any(axis=1), widest, [lamp.diameter for lamp in lamps])
     place = np.array([lamp.position for lamp in lamps])
-    apart = np.linalg.norm(place[:, None] - place[None], axis=2)
-    near = apart < (width[:, None] + width[None]) / 2 - TOUCHING
-    np.fill_diagonal(near, False)
-    return np.asarray(near)
+    least = (width[:, None] + width[None]) / 2
+    if scene.search is not None and scene.search.apart is not None and not choices.any():
+        least = np.full_like(least, scene.search.apart)
+    near = np.linalg.norm(place[:, None] - place[None], axis=2) < least - TOUCHING
+    built = np.array([color != OFF for color in scene.baseline_colors()])
+    return np.asarray(near & ~(built[:, None] & built) & ~np.eye(len(lamps), dtype=bool))
 
 
 def currents(scene: Scene) -> Array:
