@@ -154,11 +154,9 @@ def run(
             written(found, kept)
             note(_first_answer(found, target, time.monotonic() - began))
         better = None
-        # A part's body may not fit beside another's place, and a shot's colors are its own.
-        alone = not (scene.search and scene.search.parts) and scene.palette.shots == 1
-        if place and alone and checker.file is None:
+        if place and checker.file is None:
             with ProgressBar("Refining places") as bar:
-                better = refined_places(sensor, scene, found.design, goal, bar)
+                better = refined_places(sensor, scene, found.design, goal, bar, traced=again)
         finer = scene if better is None else better.scene
         if better is not None:
             note(refined_sentence(better, goal))

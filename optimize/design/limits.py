@@ -14,11 +14,13 @@ from optimize.design.design import DARK, Array, Colors, Design, baseline_design,
 from optimize.design.linear_rules import Budget, LinearRules
 from optimize.design.part_limits import (
     budgets_of,
+    counted_limits,
     overlapping,
     part_choices,
     searched_parts,
 )
 from optimize.design.runs import Runs, around_rim
+from optimize.design.tied_directions import TiedDirections
 from render.errors import DesignError
 from render.geometry import FiberHolder
 from render.scene import OFF, RGB, Constraints, Palette, Scene
@@ -48,6 +50,7 @@ class SearchLimits:
         runs: of one color along the ring that there may be; None is any number.
         ties: ``(F,)`` group of each fiber, 0..G-1, whose fibers have one color or are all off;
             None where each is alone.
+        tied: directions of mirror images; None where each lamp turns by itself.
     """
 
     allowed: NDArray[np.bool_]
@@ -64,6 +67,7 @@ class SearchLimits:
     budgets: tuple[Budget, ...] = ()
     runs: Runs | None = None
     ties: Colors | None = None
+    tied: TiedDirections | None = None
 
     @cached_property
     def rules(self) -> LinearRules:
@@ -89,6 +93,16 @@ class SearchLimits:
         allowed = np.ones((int(self.groups.max()) + 1, self.allowed.shape[1]), dtype=bool)
         np.logical_and.at(allowed, self.groups, self.allowed)
         return allowed, self.rules.of_groups(self.groups)
+
+    @cached_property
+    def directions(self) -> TiedDirections:
+        """Which fiber's direction each one's follows."""
+        return self.tied or TiedDirections.none(len(self.allowed))
+
+    @property
+    def turned(self) -> NDArray[np.bool_]:
+        """``(F,)`` fibers whose direction a search chooses."""
+        return ~self.fixed_directions & self.directions.leads
 
     @property
     def may_be_off(self) -> bool:
@@ -142,7 +156,8 @@ class SearchLimits:
     def directions_limited(self) -> bool:
         """Whether some direction is not allowed."""
         whole = (self.low[:, 0] == 0.0) & (self.high[:, -1] == math.pi)
-        return bool(self.low.shape[1] > 1 or not whole.all() or self.step > 0.0)
+        limited = self.low.shape[1] > 1 or not whole.all() or self.step > 0.0
+        return bool(limited or self.tied is not None)
 
     def fits(self, colors: Colors) -> NDArray[np.bool_]:
         """Return which of ``colors`` ``(N, F)`` are allowed; -1 is off."""
@@ -173,25 +188,28 @@ class SearchLimits:
         Raises:
             DesignError: no coloring is allowed.
         """
+        allowed, rules = self.of_groups
+        worth = np.zeros(allowed.shape)
+        np.add.at(worth, self.groups, preference)
         if self.runs is not None and self.runs_limited:
-            value = np.where(self.allowed, preference, -np.inf)
-            choices = self.runs.nearest(value, self.rules, len(self.palette.names))
+            value = np.where(allowed, worth, -np.inf)
+            choices = self.runs.nearest(value, rules, len(self.palette.names), self.groups)
             if choices is None:
                 raise DesignError(
                     f"no choice of colors in at most {self.runs.most} runs fulfills the "
                     "constraints: allow more runs, fix fewer fibers or allow more LEDs per color",
                     field="search.runs",
                 )
-            return self.colors_of(choices)
-        allowed, rules = self.of_groups
-        worth = np.zeros(allowed.shape)
-        np.add.at(worth, self.groups, preference)
+            return self.colors_of(choices[self.groups])
         choices = rules.best_choice(worth, allowed)
         if choices is not None:
             return self.colors_of(choices[self.groups])
+        counted = any(one.key.startswith("search.counts") for one in self.budgets)
+        keys = dict.fromkeys(one.key for one in self.budgets if "counts" not in one.key)
         raise DesignError(
             "no choice of colors fulfills the constraints: fix fewer fibers or allow more "
-            f"{' or more of '.join(['LEDs per color', *(one.key for one in self.budgets)])}",
+            f"{' or more of '.join(['LEDs per color', *keys])}"
+            f"{', or say less in search.counts' * counted}",
             field="constraints",
         )
 
@@ -215,7 +233,7 @@ class SearchLimits:
         upright = self._nearest_alone(np.full(phi.shape[-1], math.pi / 2))
         rows = nearest.reshape(-1, phi.shape[-1])
         turned, turns = rows, np.zeros(rows.shape)
-        while (crowded := self.holder.crowded(turned)).any():
+        while (crowded := self.directions.with_images(self.holder.crowded(turned))).any():
             movable = crowded & (turns < TURNS)
             if not movable.any():
                 problem = next(self.holder.problems(turned[crowded.any(axis=1)][0]))
@@ -233,6 +251,7 @@ class SearchLimits:
         """Return the nearest allowed direction of each fiber, whatever its neighbors do."""
         if not self.directions_limited:
             return phi
+        phi = self.directions.mirrored(phi)
         ends = np.clip(phi[..., None], self.low, self.high)
         if self.step > 0.0:
             # A step may lie outside its interval at an end; then the next one inside is taken.
@@ -242,7 +261,9 @@ class SearchLimits:
             on_step = np.where(lowest > highest, np.inf, np.minimum(on_step, math.pi))
             ends = np.where(self.fixed_directions[:, None], ends, on_step)
         nearest = np.abs(ends - phi[..., None]).argmin(axis=-1)
-        return np.asarray(np.take_along_axis(ends, nearest[..., None], axis=-1)[..., 0])
+        return self.directions.mirrored(
+            np.take_along_axis(ends, nearest[..., None], axis=-1)[..., 0]
+        )
 
     def allowed_start(self, design: Design) -> Design:
         """Return ``design`` where a search may begin at it, else the nearest one where it may."""
@@ -319,7 +340,8 @@ def limits_of(scene: Scene) -> SearchLimits:
     straight = math.pi / 2
     parts = searched_parts(scene)
     draws = scene.search is not None and scene.search.current is not None
-    asked = most_lit is not None or most_runs is not None or mirror is not None
+    counts = bool(scene.search and scene.search.counts)
+    asked = most_lit is not None or most_runs is not None or mirror is not None or counts
     if given is None and not asked and not parts and not draws:
         return replace(turning_limits(scene), holder=FiberHolder.of(scene))
     given = given or Constraints()
@@ -332,10 +354,10 @@ def limits_of(scene: Scene) -> SearchLimits:
     allowed = free.allowed.copy()
     if some_off and not may_be_off:
         allowed[:, -1] = False
-    exclusive = None
     if parts:
-        allowed[:, : len(palette.names)] = choices_of_parts = part_choices(scene)
-        exclusive = overlapping(scene, choices_of_parts)
+        allowed[:, : len(palette.names)] = part_choices(scene)
+    near = overlapping(scene, allowed[:, : len(palette.names)] & bool(parts))
+    exclusive = near if near.any() else None
     if alone.any():
         allowed[alone] = np.arange(allowed.shape[1]) == len(palette.names)
     for entry in given.fixed:
@@ -347,11 +369,16 @@ def limits_of(scene: Scene) -> SearchLimits:
         given.intervals(fiber) if turns else [(straight, straight)]
         for fiber, turns in enumerate(scene.turning)
     ]
+    tied = None
+    if mirror is not None and any(scene.turning):
+        tied = TiedDirections.of(scene, pairs, mirror)
+        intervals = tied.allowed(intervals, given.angle_step)
     size = max(map(len, intervals))
     padded = np.array([part + part[-1:] * (size - len(part)) for part in intervals])
     led_counts = free.led_counts.copy()
     led_counts[: palette.led_count] = given.max_counts(palette.one_shot, fibers)
     led_power = np.array([given.of_color(name).power for name in palette.one_shot.names])
+    led_counts, counted = counted_limits(scene, free.led, led_counts, allowed)
     limits = replace(
         free,
         allowed=allowed,
@@ -364,9 +391,10 @@ def limits_of(scene: Scene) -> SearchLimits:
         holder=FiberHolder.of(scene),
         most_lit=most_lit,
         exclusive=exclusive,
-        budgets=budgets_of(scene, led_power, allowed),
-        runs=None if most_runs is None else Runs(most_runs, around_rim(scene)),
+        budgets=(*counted, *budgets_of(scene, led_power, allowed)),
+        runs=None if most_runs is None else Runs(most_runs, around_rim(scene, pairs or None)),
         ties=_tied(pairs) if mirror is not None else None,
+        tied=tied,
     )
     limits.nearest_colors(np.zeros(allowed.shape))
     limits.nearest_directions(np.full(fibers, math.pi / 2))

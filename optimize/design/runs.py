@@ -6,6 +6,7 @@ neither count nor split one: their place is passed by the wire, and the ring is 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,17 +22,30 @@ ALIKE = 9
 """Digits of an angle around the rim; lamps above each other have the same."""
 
 
-def around_rim(scene: Scene) -> Colors:
+def around_rim(scene: Scene, images: Sequence[int | None] | None = None) -> Colors:
     """Return the numbers of the lamps ``(F,)`` in the order of their angle around the pad.
 
-    Of lamps above each other the lowest is first.
+    Of lamps above each other the lowest is first. With the numbers of mirror ``images`` the ring is
+    its own image: lamps that are theirs lie at its ends, or between the two halves.
     """
     places = np.array([lamp.position for lamp in scene.placed_lamps()])
     x, y, z = (places - [*(scene.box.low + scene.box.high)[:2] / 2, 0.0]).T
-    angle = np.round(np.arctan2(y, x), ALIKE)
-    # The cut lies where the lamp of number 0 is, so that lamps of an untouched row stay in order.
-    angle = np.round((angle - angle[0]) % (2 * np.pi), ALIKE) % round(2 * np.pi, ALIKE)
-    return np.lexsort((z, angle))
+    if images is None:
+        angle = np.round(np.arctan2(y, x), ALIKE)
+        # The cut lies where the lamp of number 0 is: lamps of an untouched row stay in order.
+        angle = np.round((angle - angle[0]) % (2 * np.pi), ALIKE) % round(2 * np.pi, ALIKE)
+        return np.lexsort((z, angle))
+    assert scene.search is not None
+    across, along = (places[:, 0], y) if scene.search.mirror == "x" else (places[:, 1], x)
+    angle = np.round(np.arctan2(across, -along), ALIKE)
+    order = np.lexsort((z, angle))
+    alone = np.array([image in (None, lamp) for lamp, image in enumerate(images)])
+    half = [int(i) for i in order if not alone[i] and across[i] > 0.0]
+    ends = [
+        [int(i) for i in order if alone[i] and (along[i] > 0.0) == far] for far in (False, True)
+    ]
+    mirrored = [int(images[i] or 0) for i in reversed(half)]
+    return np.array([*ends[0], *half, *ends[1], *mirrored])
 
 
 def count_runs(colors: Colors) -> Colors:
@@ -61,25 +75,35 @@ class Runs:
         """Return which of ``colors`` ``(N, F)`` have no more runs."""
         return np.asarray(count_runs(np.asarray(colors)[:, self.ring]) <= self.most)
 
-    def nearest(self, value: Array, rules: LinearRules, colors: int) -> Colors | None:
-        """Return choices ``(F,)`` of a great sum of ``value`` ``(F, choice)``; None where none fit.
+    def nearest(
+        self, value: Array, rules: LinearRules, colors: int, groups: Colors
+    ) -> Colors | None:
+        """Return choices ``(G,)`` of a great sum of ``value`` ``(G, choice)``; None: none fit.
 
-        Choices from ``colors`` on are off, ``-inf`` is forbidden. Colorings grow lamp by lamp, and
-        the `KEPT` best are kept of those that can be continued differently.
+        Choices from ``colors`` on are off, ``-inf`` is forbidden; ``groups`` ``(F,)`` are those of
+        lamps that choose together, and `rules` are theirs. Colorings grow at both ends of the ring,
+        and the `KEPT` best are kept of those that can be continued differently.
         """
-        ordered = LinearRules(rules.weights[:, self.ring], rules.most)
+        steps = _folded(groups[self.ring].tolist())
+        order = [group for group, _ in steps]
+        ordered = LinearRules(rules.weights[:, order], rules.most)
         for kept in (KEPT, None):
-            found = self._grown(value[self.ring], ordered, colors, kept)
+            found = self._grown(value[order], ordered, colors, [both for _, both in steps], kept)
             if found is not None:
-                choices = np.empty(len(self.ring), dtype=np.int64)
-                choices[self.ring] = found
+                choices = np.empty(len(order), dtype=np.int64)
+                choices[order] = found
                 return choices
         return None
 
     def _grown(
-        self, value: Array, rules: LinearRules, colors: int, kept: int | None
+        self,
+        value: Array,
+        rules: LinearRules,
+        colors: int,
+        at_both: Sequence[bool],
+        kept: int | None,
     ) -> list[int] | None:
-        # (first color, last color, changes, weight by rule): the sum, and the choices.
+        # (color at the one end, at the other, changes, weight by rule): the sum, and the choices.
         State = tuple[int, int, int, tuple[int, ...]]
         states: dict[State, tuple[float, list[int]]]
         states = {(DARK, DARK, 0, (0,) * len(rules.most)): (0.0, [])}
@@ -101,9 +125,11 @@ class Runs:
                     key = first, last, changes, left
                     if choice < colors:
                         changed = changes + (last not in (DARK, choice))
+                        changed += at_both[lamp] and first not in (DARK, choice)
                         if changed > self.most:
                             continue
-                        key = choice if first == DARK else first, choice, changed, left
+                        begun = choice if at_both[lamp] or first == DARK else first
+                        key = begun, choice, changed, left
                     if key not in grown or grown[key][0] < total + gain:
                         grown[key] = total + gain, [*chosen, choice]
             best = sorted(grown.items(), key=lambda item: -item[1][0])
@@ -114,3 +140,19 @@ class Runs:
             if changes + (first != last) <= self.most or first == DARK
         ]
         return max(whole)[1] if whole else None
+
+
+def _folded(groups: Sequence[int]) -> list[tuple[int, bool]]:
+    """Return the groups of a ring from its ends inwards, and whether each has a lamp at both.
+
+    >>> _folded([3, 0, 1, 2, 1, 0])
+    [(3, False), (0, True), (1, True), (2, False)]
+    """
+    first, last, found = 0, len(groups) - 1, []
+    while first <= last:
+        both = groups.count(groups[first]) == 2
+        if both and groups[first] != groups[last]:
+            raise ValueError(f"the ring {list(groups)} is not its own image")
+        found.append((groups[first], both))
+        first, last = first + 1, last - both
+    return found

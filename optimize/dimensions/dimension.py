@@ -294,7 +294,8 @@ class Variants:
                     field=given,
                     option=f"--{given}",
                 )
-            rails = one.key.startswith(f"{SEARCH}.") and one.key not in COSTS
+            counts = one.key.startswith((*COSTS, f"{SEARCH}.counts"))
+            rails = one.key.startswith(f"{SEARCH}.") and not counts
             if rails and not self.place:
                 raise SceneError(
                     f"{one.key} changes nothing while no lamp may sit elsewhere, allowed: with "

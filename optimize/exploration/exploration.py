@@ -180,13 +180,21 @@ class Exploration:
 
     @property
     def proof(self) -> str:
-        """Among which designs none is better on this level, in one sentence; empty: not proven."""
+        """Among which designs none is better on this level, or that nobody knows, in one sentence.
+
+        Empty where all designs are allowed, or the baseline is handed over.
+        """
+        words = limits_of(self.scene).words
         if self.proven is None:
-            return ""
+            kept = np.array_equal(self.design.drive, self.stages[0].design.drive)
+            if kept or not words:
+                return ""
+            return (
+                f"Not proven to be the best of all designs{words}: swaps climbed from many starts."
+            )
         by = "S" if self.objective == "score" else (
             f"the expected error of the {self.objective} reader"
         )  # fmt: skip
-        words = limits_of(self.scene).words
         return f"The best of all {self.proven:,} designs{words}, compared by {by}."
 
     @property

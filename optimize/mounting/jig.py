@@ -1,8 +1,9 @@
-"""A drilling jig: one piece around the lit edges with a hole for every fiber, at its angle.
+"""A drilling jig: one piece around the edges with a hole for every lit lamp, at its angle.
 
 The jig is the holder of `render.geometry.FiberHolder` with a height: walls along the left, tip and
-right edge, joined by miters at the corners. Its inner faces go through the fiber ends, so a fiber
-that is pushed in until the center of its end is flush lies where the design wants it.
+right edge, and along the base where lamps are, joined by miters at the corners. Its inner faces go
+through the ends of lamps, so one that is pushed in until the center of its end is flush lies where
+the design wants it.
 
 Every wall is cut into cells of one hole each. A hole is a cylinder and its cell lies between two
 planes, so both are known from where they meet the inner and the outer face of the wall: the mesh
@@ -11,12 +12,13 @@ needs no boolean operations and closes by construction.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from optimize.design import Design
+from optimize.design import DARK, Design
 from render.arrays import Array
 from render.errors import TactiluxError
 from render.geometry import (
@@ -24,13 +26,16 @@ from render.geometry import (
     PLAY,
     FiberHolder,
     FiberPoses,
-    fiber_edges,
     flat_fiber_poses,
 )
-from render.scene import RIM_EDGES, Scene
+from render.geometry.holder import LEAST_SINE
+from render.scene import EDGES, RIM_EDGES, Scene
+from render.scene.lamps import Edge
 
 MARGIN = 1.5
 """mm of wall above, below and beyond the holes."""
+FLUSH = 0.01
+"""mm by which ends of one wall's lamps may be off its face."""
 SIDES = 48
 """Of the polygon that stands for a circle; its area is 0.3 % too small."""
 
@@ -52,91 +57,146 @@ class _Plan:
     """The jig from above: borders of its cells, and the holes between them.
 
     Arguments:
-        borders: ``(cell + 1, 2, 2)`` mm, where each border meets the inner and the outer face.
+        borders: ``(border, 2, 2)`` mm, where each border meets the inner and the outer face; one
+            more than cells, or as many where the walls are ``closed`` around the pad.
         holes: per cell, ``(2, SIDES, 3)`` where the hole meets both faces; None without a hole.
     """
 
     borders: Array
     holes: list[Array | None]
+    closed: bool
 
 
 def drilling_jig(scene: Scene, design: Design) -> Mesh:
-    """Return the jig for ``design``; mm in the flat pad frame.
+    """Return the jig for the lamps that ``design`` lights; mm in the flat pad frame.
 
     Raises:
-        JigError: holes would meet each other, a corner or an end of the jig; it says which.
+        JigError: a lamp is not beside an edge, those of an edge do not end in one plane, or holes
+            would meet each other, a corner or an end of the jig; it says which.
     """
-    holder, poses, fibers = FiberHolder.of(scene), flat_fiber_poses(scene), scene.fibers
-    if fibers is None or scene.lamps:
-        raise JigError(
-            "there is no jig for lamps in rows and lists of their own, only for fibers: take their "
-            "places from the board drawing",
-            field="rows",
-        )
-    for problem in holder.problems(design.phi):
+    holder, poses = FiberHolder.of(scene), flat_fiber_poses(scene)
+    lit, beams = design.colors != DARK, poses.directions(design.phi)
+    numbers = np.flatnonzero(lit)
+    for lamp in numbers.tolist():
+        for problem in _misfits(poses, beams, lamp):
+            raise JigError(
+                f"there is no jig for this design: lamp {lamp} {problem}; take places from the "
+                "board drawing",
+                field="positions",
+            )
+    gaps = _gaps(poses, numbers)
+    for problem in holder.problems(design.phi, lit):
         raise JigError(
             f"there is no jig for this design: {problem}; explore anew, or round less",
             field="angles_deg",
         )
-    holes = _holes(poses, poses.directions(design.phi), fibers.diameter, holder.thickness)
-    plan = _plan(scene, holes, holder.thickness, fibers.gap)
-    heights = holes[..., 2].min() - MARGIN, holes[..., 2].max() + MARGIN
-    return _closed(plan, *heights)
+    holes = {int(i): _hole(poses, beams, int(i), holder.thickness) for i in numbers}
+    plan = _plan(scene, holes, poses, holder.thickness, gaps)
+    heights = [hole[..., 2] for hole in holes.values()]
+    return _closed(plan, np.min(heights) - MARGIN, np.max(heights) + MARGIN)
 
 
-def _holes(poses: FiberPoses, beams: Array, diameter: float, thickness: float) -> Array:
-    """Return where holes meet the inner and the outer face, ``(fiber, 2, SIDES, 3)`` mm.
+def _misfits(poses: FiberPoses, beams: Array, lamp: int) -> Iterator[str]:
+    """Yield why a lamp has no place in a wall."""
+    if poses.face[lamp] >= len(EDGES):
+        yield "sits below the pad, not beside an edge"
+    elif poses.gap[lamp] < 0.0:
+        yield "is cast into the silicone"
+    elif beams[lamp] @ poses.face_inward[lamp] < LEAST_SINE:
+        yield "shines along its wall"
+
+
+def _gaps(poses: FiberPoses, numbers: NDArray[np.int64]) -> dict[Edge, float]:
+    """Return the distance (mm) of each edge's wall: that of its lamps, or else the least of all.
+
+    Raises:
+        JigError: lamps of an edge have several, or none is lit.
+    """
+    if not len(numbers):
+        raise JigError("there is no jig for this design: it lights no lamp", field="power")
+    gaps = dict.fromkeys(EDGES, float(poses.gap[numbers].min()))
+    for number, edge in enumerate(EDGES):
+        own = poses.gap[numbers[poses.face[numbers] == number]]
+        if len(own) and np.ptp(own) > FLUSH:
+            raise JigError(
+                f"there is no jig for this design: lamps of the {edge} edge end {own.min():g} and "
+                f"{own.max():g} mm from the pad, needed: one distance; take places from the board "
+                "drawing",
+                field="positions",
+            )
+        gaps[edge] = float(own[0]) if len(own) else gaps[edge]
+    return gaps
+
+
+def _hole(poses: FiberPoses, beams: Array, lamp: int, thickness: float) -> Array:
+    """Return where the hole of a lamp meets the inner and the outer face, ``(2, SIDES, 3)`` mm.
 
     Corners go counterclockwise as one looks at the wall from the pad.
     """
     turn = 2 * np.pi * np.arange(SIDES) / SIDES
-    level = np.cross(poses.up, poses.inward)  # the way in which fibers are numbered
-    first = level - (level * beams).sum(axis=1, keepdims=True) * beams
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(beams, first)
-    ring = (
-        (diameter + PLAY)
-        / 2
-        * (np.cos(turn)[:, None] * first[:, None] + np.sin(turn)[:, None] * second[:, None])
+    inward, beam = poses.face_inward[lamp], beams[lamp]
+    level = np.cross([0.0, 0.0, 1.0], inward)  # the way in which fibers are numbered
+    first = level - (level @ beam) * beam
+    first /= np.linalg.norm(first)
+    radius = poses.radius[lamp] + PLAY / 2
+    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * np.cross(beam, first)
+    ring = radius * around
+    depths = [(ring @ inward + depth) / (beam @ inward) for depth in (0.0, thickness)]
+    return np.stack([poses.position[lamp] + ring - depth[:, None] * beam for depth in depths])
+
+
+def _plan(
+    scene: Scene,
+    holes: Mapping[int, Array],
+    poses: FiberPoses,
+    thickness: float,
+    gaps: Mapping[Edge, float],
+) -> _Plan:
+    """Cut the walls into cells of one hole each.
+
+    Raises:
+        JigError: holes meet each other, a corner or an end.
+    """
+    edge_of = {lamp: EDGES[poses.face[lamp]] for lamp in holes}
+    closed = "base" in edge_of.values()
+    left, tip, right, below = (
+        rim + gaps[edge] for rim, edge in zip(scene.box.rims, EDGES, strict=True)
     )
-    inside = np.einsum("fkx,fx->fk", ring, poses.inward)
-    slope = (beams * poses.inward).sum(axis=1)[:, None]
-    faces = [
-        poses.position[:, None] + ring - ((inside + depth) / slope)[..., None] * beams[:, None]
-        for depth in (0.0, thickness)
-    ]
-    return np.stack(faces, axis=1)
-
-
-def _plan(scene: Scene, holes: Array, thickness: float, gap: float) -> _Plan:
-    """Cut the walls into cells of one hole each; ``gap`` is that of the fibers."""
-    edge_of = fiber_edges(scene)
-    left, tip, right, _ = (rim + gap for rim in scene.box.rims)
     x, y = scene.pad.width / 2, scene.pad.length / 2
-    faces = np.array([-x - left, y + tip, x + right])
-    outwards = thickness * np.array([-1.0, 1.0, 1.0])
-    base = min(-scene.pad.length / 2, float(holes[..., 1].min()) - MARGIN)
+    every = np.concatenate(list(holes.values()))
+    base = -y - below if closed else min(-y, float(every[..., 1].min()) - MARGIN)
+    faces = np.array([-x - left, y + tip, x + right, base])
+    outwards = thickness * np.array([-1.0, 1.0, 1.0, -1.0 if closed else 0.0])
     # Corners of the inner and of the outer face, in the order of the fibers.
     corners = np.array(
-        [[(a, base), (a, b), (c, b), (c, base)] for a, b, c in (faces, faces + outwards)]
+        [[(a, d), (a, b), (c, b), (c, d), (a, d)] for a, b, c, d in (faces, faces + outwards)]
     ).swapaxes(0, 1)
-    borders, cells = [corners[0]], []
-    for edge, start, end in zip(RIM_EDGES, corners[:-1], corners[1:], strict=True):
-        own = [i for i, name in enumerate(edge_of) if name == edge]
-        along = ALONG[edge]
-        reach = [(holes[i, ..., :2] @ along) for i in own]  # (2, SIDES) each
-        for place, fiber in enumerate(own):
+    borders: list[Array] = [corners[0]]
+    cells: list[Array | None] = []
+    for number, edge in enumerate(EDGES if closed else RIM_EDGES):
+        start, end, along = corners[number], corners[number + 1], ALONG[edge]
+        own = [lamp for lamp, its in edge_of.items() if its == edge]
+        own.sort(key=lambda lamp: float(poses.position[lamp, :2] @ along))
+        reach = [holes[lamp][..., :2] @ along for lamp in own]  # (2, SIDES) each
+        for place, lamp in enumerate(own):
             last = place == len(own) - 1
             after = end @ along
             if not last:
                 after = (reach[place].max(axis=1) + reach[place + 1].min(axis=1)) / 2
+            room = (reach[place].min(axis=1) - borders[-1] @ along).min()
+            if min(room, (after - reach[place].max(axis=1)).min()) <= 0.0:
+                raise JigError(
+                    f"there is no jig for this design: the hole of lamp {lamp} meets another, or "
+                    f"an end of the {edge} wall; take places from the board drawing",
+                    field="positions",
+                )
             across = start - np.outer(start @ along, along)
             borders.append(end if last else across + np.outer(after, along))
-            cells.append(holes[fiber])
+            cells.append(holes[lamp])
         if not own:
             borders.append(end)
             cells.append(None)
-    return _Plan(np.array(borders), cells)
+    return _Plan(np.array(borders[:-1] if closed else borders), cells, closed)
 
 
 def _closed(plan: _Plan, low: float, high: float) -> Mesh:
@@ -152,7 +212,8 @@ def _closed(plan: _Plan, low: float, high: float) -> Mesh:
 
     free = 4 * count
     for j, hole in enumerate(plan.holes):
-        a, b = 4 * j, 4 * (j + 1)
+        before, after = j, (j + 1) % count
+        a, b = 4 * before, 4 * after
         quad(a + 1, b + 1, b + 3, a + 3)  # above
         quad(a, a + 2, b + 2, b)  # below
         inner, outer = [a, b, b + 1, a + 1], [a + 2, b + 2, b + 3, a + 3]
@@ -161,20 +222,21 @@ def _closed(plan: _Plan, low: float, high: float) -> Mesh:
             quad(*outer[::-1])
             continue
         vertices.append(hole.reshape(-1, 3))
-        way = plan.borders[j + 1] - plan.borders[j]
+        way = plan.borders[after] - plan.borders[before]
         rings = [np.arange(SIDES) + free + face * SIDES for face in (0, 1)]
         for face, (frame, ring) in enumerate(zip((inner, outer), rings, strict=True)):
             along = hole[face, :, :2] @ way[face]
             around = _around(frame, ring, along, hole[face, :, 2])
             triangles += around if face == 0 else [(a, c, b) for a, b, c in around]
         for k in range(SIDES):
-            near, after = rings[0][[k, (k + 1) % SIDES]].tolist()
+            near, next_ = rings[0][[k, (k + 1) % SIDES]].tolist()
             far, beyond = rings[1][[k, (k + 1) % SIDES]].tolist()
-            quad(near, after, beyond, far)
+            quad(near, next_, beyond, far)
         free += 2 * SIDES
-    quad(0, 1, 3, 2)
-    end = 4 * (count - 1)
-    quad(end, end + 2, end + 3, end + 1)
+    if not plan.closed:
+        quad(0, 1, 3, 2)
+        end = 4 * (count - 1)
+        quad(end, end + 2, end + 3, end + 1)
     return Mesh(np.concatenate(vertices), np.array(triangles, dtype=np.int64))
 
 

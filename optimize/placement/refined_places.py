@@ -4,7 +4,8 @@ Candidates are drawn anew around every place that a design lights, half a pitch 
 and so on, until that is below what a hand keeps to; heights and tilts in the ranges in which rails
 leave them free. Light is linear in lamps: a round's candidates are one table, on which places move
 one or two at a time, the best first, as long as that helps (Hooke and Jeeves 1961). The preview
-draws every round alike, so that its noise is common to all.
+draws every round alike, so that its noise is common to all. Traced light then chooses among all
+places, those that the preview ends at and those around them.
 """
 
 from __future__ import annotations
@@ -24,12 +25,19 @@ from optimize.scoring import TableScorer, scene_model, search_table
 from optimize.search import NominalScore, Objective, ReaderObjective
 from render.progress import Clock, OnProgress
 from render.scene import Scene
+from render.scene.lamps import PlacedLamp
 from render.scene.places import CandidateLamp, Room, image_of, misfits, rail_places
 
 LEAST_GAIN = 1e-4
 """Of the objective, relative: what gains less is no move."""
 MOST_MOVES = 2000
 """Of which the best is taken, in some seconds."""
+AROUND = 0.5, 0.25
+"""Parts of a pitch by which traced light may move a place further."""
+Body = tuple[float, object]
+"""Diameter and profile, by which parts on one place are told apart."""
+Key = tuple[tuple[float, ...], Body | None]
+"""Place and beam of a lamp, and its body where lamps are parts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +45,8 @@ class RefinedPlaces:
     """Places near those of a design, and what the preview says of both.
 
     Arguments:
-        scene: all places, those of the design moved.
-        design: the design on it.
+        scene: all places, those of the design, and those around them for traced light.
+        design: the design on it, at its new places.
         before, after: the objective on the preview, degrees or counts.
         moved: how far (mm) each lamp that was free was moved.
     """
@@ -56,10 +64,12 @@ def refined_places(
     design: Design,
     objective: ObjectiveName,
     progress: OnProgress | None = None,
+    *,
+    traced: bool = False,
 ) -> RefinedPlaces | None:
     """Return better places near those that ``design`` lights; None where nothing is free or gains.
 
-    Lamps of the ``scene`` itself stay where they are.
+    Lamps of the ``scene`` itself, and parts on their places, stay where they are.
 
     Arguments:
         scene: the sensor.
@@ -67,9 +77,10 @@ def refined_places(
         design: what was found on that.
         objective: what it was searched by.
         progress: told of every round.
+        traced: traced light follows, and may move places further: it gets some around them, even
+            where none gains on the preview.
     """
-    places, own = candidates_of(scene), scene.lamp_count
-    lit = _lit(scene, places, design)
+    lit = _lit(scene, searched, design)
     widest = max((one.widest for one in lit), default=0.0)
     if widest < 2.0:
         return None
@@ -78,31 +89,66 @@ def refined_places(
     values: list[float] = []
     now = lit
     for number in range(rounds):
-        table = _Round(scene, design, objective, now, 0.5 ** (number + 1))
+        table = _Round(scene, searched, design, objective, now, 0.5 ** (number + 1))
         values += table.climb()
         now = table.lit
         clock.tick()
     before, after = values[0], values[-1]
-    placed = {i: lamp for one in now for i, lamp in zip(one.members, one.lamps, strict=True)}
-    moved = [
-        float(np.linalg.norm(lamp.position - places[i].position)) for i, lamp in placed.items()
-    ]
-    if after <= before + LEAST_GAIN * abs(before):
+    gains = after > before + LEAST_GAIN * abs(before)
+    if not gains and not traced:
         return None
-    kept = {
-        number: placed.get(number, candidate)
-        for number, candidate in enumerate(places)
-        if number in placed or not _too_near(scene, candidate, list(placed.values()))
-    }
-    rows = [*range(own), *(own + number for number in kept)]
-    most = searched.search.lamps if searched.search is not None else None
+    now = now if gains else lit
+    moved = [
+        float(np.linalg.norm(new.position - old.position))
+        for one, was in zip(now, lit, strict=True)
+        for new, old in zip(one.lamps, was.lamps, strict=True)
+    ]
+    new = [lamp for one in now for lamp in one.lamps]
+    if traced:
+        new += [lamp for one in now for part in AROUND for around in _around(scene, one, part)
+                for lamp in around]  # fmt: skip
+    every = {_place(one): one for one in (*candidates_of(scene), *new)}
+    finer = _drawn(scene, searched, list(every.values()))
     return RefinedPlaces(
-        searched_scene(scene, lamps=most, candidates=list(kept.values())),
-        replace(design, phi=design.phi[rows], drive=design.drive[rows]),
+        finer,
+        _moved_design(design, searched, finer, now),
         abs(before),
         abs(after),
         tuple(moved),
     )
+
+
+def _drawn(
+    scene: Scene, searched: Scene, places: Sequence[CandidateLamp], lamps: int | None = None
+) -> Scene:
+    """Return the searched scene with other places; as many lamps may be lit unless said."""
+    assert searched.search is not None
+    return searched_scene(
+        scene,
+        lamps=lamps or searched.search.lamps,
+        parts=searched.search.parts or None,
+        shots=searched.palette.shots if searched.palette.shots > 1 else None,
+        candidates=places,
+    )
+
+
+def _place(lamp: PlacedLamp | CandidateLamp) -> tuple[float, ...]:
+    """Return where a lamp is and shines, as a name of it."""
+    beam = lamp.beam if isinstance(lamp, PlacedLamp) else lamp.direction
+    return tuple(np.round([*lamp.position, *beam], 6).tolist())
+
+
+def _numbers(scene: Scene) -> dict[Key, int]:
+    """Return the number of each lamp by its place, and by its body where lamps are parts."""
+    parts = bool(scene.search and scene.search.parts)
+    return {
+        (_place(lamp), _body(lamp) if parts else None): number
+        for number, lamp in enumerate(scene.placed_lamps())
+    }
+
+
+def _body(lamp: PlacedLamp) -> Body:
+    return lamp.diameter, lamp.profile
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,32 +156,65 @@ class _Lit:
     """A place that is lit, with its image where it has one.
 
     Arguments:
-        members: numbers of the candidates.
+        members: numbers of the lamps of the searched scene.
+        bodies: theirs, where lamps are parts.
         lamps: where they are now.
         widest: see `RailPlaces.widest`; 0 where it stays.
     """
 
     members: tuple[int, ...]
+    bodies: tuple[Body | None, ...]
     lamps: tuple[CandidateLamp, ...]
     widest: float
 
+    def keys(self, lamps: Sequence[CandidateLamp]) -> list[Key]:
+        """Return the names of its lamps at other places."""
+        return [(_place(one), body) for one, body in zip(lamps, self.bodies, strict=True)]
 
-def _lit(scene: Scene, places: Sequence[CandidateLamp], design: Design) -> list[_Lit]:
+
+def _moved_design(design: Design, searched: Scene, drawn: Scene, lit: Sequence[_Lit]) -> Design:
+    """Return a ``design`` of the searched scene on a ``drawn`` one, its ``lit`` lamps moved."""
+    old, new = _numbers(searched), _numbers(drawn)
+    moved = {lamp for one in lit for lamp in one.members}
+    phi = np.full(len(new), math.pi / 2)
+    drive = np.zeros((len(new), design.drive.shape[1]))
+    pairs = [(number, new[key]) for key, number in old.items()
+             if key in new and number not in moved]  # fmt: skip
+    for one in lit:
+        pairs += zip(one.members, (new[key] for key in one.keys(one.lamps)), strict=True)
+    for was, now in pairs:
+        phi[now], drive[now] = design.phi[was], design.drive[was]
+    return Design(phi, drive, design.palette)
+
+
+def _lit(scene: Scene, searched: Scene, design: Design) -> list[_Lit]:
     """Return the places that a design lights; those whose image is a lamp of the scene stay."""
     mirror, own = scene.search.mirror if scene.search is not None else None, scene.lamp_count
+    places, placed = candidates_of(scene), searched.placed_lamps()
+    parts = bool(searched.search and searched.search.parts)
+    there = {_place(one): number for number, one in enumerate(places)}
+    # Lamps by the number of their place; those on places of the scene's own lamps stay.
+    lamps = {
+        there[_place(lamp)]: number
+        for number, lamp in enumerate(placed)
+        if number >= own and design.colors[number] != DARK and _place(lamp) in there
+    }
     found: list[_Lit] = []
-    for number, candidate in enumerate(places):
-        taken = any(number in one.members for one in found)
-        if taken or design.colors[own + number] == DARK:
+    taken: set[int] = set()
+    for number in sorted(lamps):
+        if number in taken:
             continue
-        members: tuple[int, ...] = (number,)
-        widest = rail_places(scene, candidate.rail).widest
+        candidate = places[number]
+        group, widest = [number], rail_places(scene, candidate.rail).widest
         if candidate.image:
             widest = 0.0
         elif mirror is not None and image_of(candidate, mirror) is not candidate:
-            paired = number + 1 < len(places) and places[number + 1].image
-            members, widest = ((number, number + 1), widest) if paired else (members, 0.0)
-        found.append(_Lit(members, tuple(places[i] for i in members), widest))
+            paired = number + 1 in lamps and places[number + 1].image
+            group, widest = ([number, number + 1], widest) if paired else (group, 0.0)
+        taken |= {*group}
+        members = tuple(lamps[i] for i in group)
+        bodies = tuple(_body(placed[i]) if parts else None for i in members)
+        found.append(_Lit(members, bodies, tuple(places[i] for i in group), widest))
     return found
 
 
@@ -145,24 +224,28 @@ class _Round:
     def __init__(
         self,
         scene: Scene,
+        searched: Scene,
         design: Design,
         objective: ObjectiveName,
         lit: Sequence[_Lit],
         part: float,
     ) -> None:
         """Draw the preview of the lamps that are ``lit`` and of places a ``part`` away."""
-        self.own, self.design, self.lit = scene.lamp_count, design, list(lit)
-        self.choices = [[one.lamps, *_around(scene, one, part)] for one in lit]
-        lamps = [lamp for choices in self.choices for pair in choices for lamp in pair]
-        drawn = searched_scene(scene, lamps=self.own + len(lamps), candidates=lamps)
-        table = search_table(scene_model(drawn, coarse=True))
-        scorer = TableScorer(table, limits=limits_of(drawn))
+        self.searched, self.design, self.lit = searched, design, list(lit)
+        choices = [[one.lamps, *_around(scene, one, part)] for one in lit]
+        lamps = [lamp for each in choices for pair in each for lamp in pair]
+        self.drawn = _drawn(scene, searched, lamps, scene.lamp_count + len(lamps))
+        known = _numbers(self.drawn)
+        # A part may not fit on every place next to its own.
+        self.choices = [
+            [pair for pair in each if all(key in known for key in one.keys(pair))]
+            for one, each in zip(lit, choices, strict=True)
+        ]
+        self.limits = limits_of(self.drawn)
+        scorer = TableScorer(search_table(scene_model(self.drawn, coarse=True)), limits=self.limits)
         self.goal: Objective = NominalScore(scorer)
         if objective != "score":
-            self.goal = ReaderObjective(scorer, drawn, objective, CameraModel.of(drawn))
-        self.count = self.own + len(lamps)
-        body, apart = scene.placed_lamps(), scene.search.apart if scene.search else None
-        self.apart = [apart or body[one.lamps[0].like].diameter for one in lit]
+            self.goal = ReaderObjective(scorer, self.drawn, objective, CameraModel.of(self.drawn))
 
     def climb(self) -> tuple[float, float]:
         """Move one place at a time, the best first; return the objective before and after.
@@ -180,8 +263,7 @@ class _Round:
                 if moved:
                     taken, best = moves[int(values.argmax())], float(values.max())
                     break
-        chosen = zip(self.lit, self.choices, taken, strict=True)
-        self.lit = [replace(one, lamps=tuple(choices[i])) for one, choices, i in chosen]
+        self.lit = self._moved(taken)
         return first, best
 
     def _moves(self, taken: Sequence[int], at_once: int) -> list[list[int]]:
@@ -198,38 +280,17 @@ class _Round:
                 for mover, now in zip(movers, choice, strict=True):
                     moved[mover] = now
                 found.append(moved)
-        return [moved for moved in found if self._fits(moved)]
+        designs = [self._design(moved).colors for moved in found]
+        fits = self.limits.fits(np.array(designs)) if found else ()
+        return [moved for moved, keeps in zip(found, fits, strict=True) if keeps]
+
+    def _moved(self, taken: Sequence[int]) -> list[_Lit]:
+        chosen = zip(self.lit, self.choices, taken, strict=True)
+        return [replace(one, lamps=tuple(choices[number])) for one, choices, number in chosen]
 
     def _design(self, taken: Sequence[int]) -> Design:
         """Return the design that lights one choice of every place."""
-        phi = np.full(self.count, math.pi / 2)
-        drive = np.zeros((self.count, self.design.drive.shape[1]))
-        phi[: self.own], drive[: self.own] = (
-            self.design.phi[: self.own],
-            self.design.drive[: self.own],
-        )
-        row = self.own
-        for one, choices, choice in zip(self.lit, self.choices, taken, strict=True):
-            for number, pair in enumerate(choices):
-                for member in one.members if number == choice else ():
-                    at = row + one.members.index(member)
-                    phi[at] = self.design.phi[self.own + member]
-                    drive[at] = self.design.drive[self.own + member]
-                row += len(pair)
-        return Design(phi, drive, self.design.palette)
-
-    def _fits(self, taken: Sequence[int]) -> bool:
-        """Return whether bodies keep apart."""
-        places = [
-            (lamp.position, apart)
-            for choices, choice, apart in zip(self.choices, taken, self.apart, strict=True)
-            for lamp in choices[choice]
-        ]
-        return all(
-            np.linalg.norm(place - other) >= max(apart, least) - 1e-6
-            for number, (place, apart) in enumerate(places)
-            for other, least in places[:number]
-        )
+        return _moved_design(self.design, self.searched, self.drawn, self._moved(taken))
 
 
 def _around(scene: Scene, lit: _Lit, part: float) -> list[tuple[CandidateLamp, ...]]:
@@ -244,9 +305,3 @@ def _around(scene: Scene, lit: _Lit, part: float) -> list[tuple[CandidateLamp, .
         if new is not None and fits and not any(misfits(scene, "", new)):
             found.append(tuple(new))
     return found
-
-
-def _too_near(scene: Scene, candidate: CandidateLamp, lit: Sequence[CandidateLamp]) -> bool:
-    apart = scene.search.apart if scene.search is not None else None
-    least = (apart or scene.placed_lamps()[candidate.like].diameter) - 1e-6
-    return any(np.linalg.norm(candidate.position - one.position) < least for one in lit)

@@ -98,7 +98,8 @@ def searched_scene(
         candidates: the places; by default all those that `candidates_of` has.
 
     Where lamps may sit elsewhere, there are as many of each color as the baseline lights, unless
-    its constraints say how many, lamps are mirrored, or more may be lit than the baseline lights.
+    its constraints or its search say how many, lamps are mirrored, or more may be lit than the
+    baseline lights.
 
     Raises:
         SceneError: the scene has no file, no place is left, so many lamps cannot be, or a part is
@@ -224,8 +225,9 @@ def _limit_colors(
     names, palette = scene.palette.one_shot.names, scene.palette
     lit = [names[palette.led[palette.index(color)]] for color in lit]
     counted = given is not None and any(given.of_color(name).max is not None for name in names)
-    mirrored = scene.search is not None and scene.search.mirror is not None
-    if counted or mirrored or most > len(lit):
+    search = scene.search
+    said = search is not None and bool(search.mirror or search.counts)
+    if counted or said or most > len(lit):
         return
     for name in names:
         if name in RGB.names and not (given and given.colors and name in given.colors):

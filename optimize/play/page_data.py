@@ -279,6 +279,9 @@ def _limits(limits: SearchLimits) -> dict[str, Any]:
             np.arange(len(limits.allowed)) if limits.runs is None else limits.runs.ring
         ).tolist(),
         "runs": len(limits.allowed) if limits.runs is None else limits.runs.most,
+        "ties": limits.groups.tolist(),
+        "leading": limits.directions.leading.tolist(),
+        "reflected": limits.directions.reflected.tolist(),
         "power": limits.led_power.tolist(),
         "low": limits.low.tolist(),
         "high": limits.high.tolist(),

@@ -30,6 +30,7 @@ def best_combinations(
     rules: Indices,
     led_counts: Indices,
     forbidden: Indices,
+    exclusive: np.ndarray,
     bends: int,
     constants: Single,
     mark: tuple[Any, ...],
@@ -46,8 +47,9 @@ def best_combinations(
     highest place where it has several, and the color before all. ``rules``: 1 where colors
     change, 0 where lamps are lit; most runs; 1 where colors are alike, so that they appear first in
     their order; the number of lamps. ``led_counts`` ``(color,)`` lamps may have a color, and
-    ``forbidden`` ``(color or off, lamp + 1)`` of those below a lamp must not. ``places`` and
-    ``colors`` ``(keep, choice)`` are written to, as are ``scores``.
+    ``forbidden`` ``(color or off, lamp + 1)`` of those below a lamp must not. Of lamps that are
+    ``exclusive`` ``(lamp, lamp)`` one may be lit. ``places`` and ``colors`` ``(keep, choice)`` are
+    written to, as are ``scores``.
     """
     levels, start = task[0], task[2]
     change, most_runs, alike, lamps = rules[0] == 1, rules[1], rules[2] == 1, rules[3]
@@ -101,6 +103,7 @@ def best_combinations(
                                 forbidden[new, at + 1] == forbidden[new, at]
                                 and forbidden[ways, above] == forbidden[ways, at + 1]
                                 and forbidden[ways, at] == 0
+                                and not exclusive[at, place[:level]].any()
                             )
                         evaluated += fits
                         valid[filled + lane] = fits
@@ -143,6 +146,8 @@ def best_combinations(
             if forbidden[new, at + 1] != forbidden[new, at] or used[level, new] >= led_counts[new]:
                 continue
             if forbidden[ways, above] != forbidden[ways, at + 1]:
+                continue
+            if exclusive[at, place[:level]].any():
                 continue
             used[level + 1, new] += 1
             changes[level + 1] = changes[level] + (level > 0 and new != before)

@@ -87,7 +87,7 @@ def optimize_directions(
         TactiluxError: the score of some candidate is not finite.
     """
     limits = limits or unlimited(len(start))
-    start, free = limits.nearest_directions(start), ~limits.fixed_directions
+    start, free = limits.nearest_directions(start), limits.turned
     if not free.any():
         best = float(score(start[None])[0])
         return DirectionResult(start, best, 1, converged=True)
@@ -128,7 +128,7 @@ def _stepwise_ascent(
     score: DirectionScores, phi: Array, best: float, limits: SearchLimits
 ) -> tuple[Array, float, int]:
     """Return the local optimum that single steps of single fibers reach, and what they cost."""
-    free, tried = np.flatnonzero(~limits.fixed_directions), 0
+    free, tried = np.flatnonzero(limits.turned), 0
     while True:
         moved = np.repeat(phi[None], 2 * len(free), axis=0)
         rows = np.arange(len(free))

@@ -243,7 +243,7 @@ def _ascend(
     low, high = _direction_bounds(scorer, limits, start.phi)
     full = np.broadcast_to(scorer.led_power, on.shape)[on]
     best = ScoredDesign(start, float(objective.values([start])[0]))
-    fibers, evaluated = len(low), 1
+    fibers, evaluated, mirrored = len(low), 1, limits.directions.mirrored
     if not on.any() and (low == high).all():
         return best, evaluated
 
@@ -251,9 +251,10 @@ def _ascend(
         nonlocal best, evaluated
         drive = start.drive.copy()
         drive[on] = np.clip(x[fibers:], 0.0, full)
-        design = replace(start, phi=np.clip(x[:fibers], low, high), drive=drive)
+        design = replace(start, phi=mirrored(np.clip(x[:fibers], low, high)), drive=drive)
         score, by_phi, by_power = objective.gradient(design)
-        slopes = np.concatenate([by_phi, (by_power @ design.palette.matrix.T)[on]])
+        by_lead = limits.directions.unmirrored(by_phi)
+        slopes = np.concatenate([by_lead, (by_power @ design.palette.matrix.T)[on]])
         evaluated += 1
         if score > best.score and limits.fits_holder(design.phi):
             best = ScoredDesign(design, score)
@@ -262,14 +263,14 @@ def _ascend(
     bounds = [*zip(low, high, strict=True), *((0.0, limit) for limit in full)]
     begin = np.concatenate([start.phi, start.drive[on]])
     end = minimize(loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    if (holder := limits.holder) and not limits.fits_holder(end[:fibers]):
+    if (holder := limits.holder) and not limits.fits_holder(mirrored(end[:fibers])):
         minimize(
             loss,
             np.concatenate([best.design.phi, best.design.drive[on]]),
             jac=True,
             method="SLSQP",
             bounds=bounds,
-            constraints={"type": "ineq", "fun": lambda x: holder.slack(x[:fibers])},
+            constraints={"type": "ineq", "fun": lambda x: holder.slack(mirrored(x[:fibers]))},
             options={
                 "maxiter": options["maxiter"],
                 "ftol": options["ftol"] * max(abs(best.score), 1e-12),

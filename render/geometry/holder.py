@@ -135,11 +135,16 @@ class FiberHolder:
                     beside[..., fiber] |= thin[..., border]
         return beside
 
-    def problems(self, phi: Array) -> Iterator[str]:
-        """Yield where holes for directions ``phi`` ``(F,)`` leave too little, one sentence each."""
+    def problems(self, phi: Array, lit: NDArray[np.bool_] | None = None) -> Iterator[str]:
+        """Yield where holes for directions ``phi`` ``(F,)`` leave too little, one sentence each.
+
+        Only fibers that are ``lit`` ``(F,)`` have holes; all unless given.
+        """
         walls, degrees = self.walls(phi), np.degrees(phi)
         for border in np.flatnonzero(walls < self.least):
             fibers = [f for f in (self.first[border], self.last[border]) if f >= 0]
+            if lit is not None and not lit[fibers].all():
+                continue
             angles = " and ".join(f"{degrees[f]:.0f}" for f in fibers)
             who = (
                 f"fibers {fibers[0]} and {fibers[1]} at {angles} deg meet"

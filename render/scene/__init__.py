@@ -17,7 +17,7 @@ from render.scene.faces import Finish
 from render.scene.free_ranges import FreeRanges
 from render.scene.lamp_profile import Profile
 from render.scene.lamps import EDGES, FACES, OUTWARD, RIM_EDGES, Edge, PlacedLamp, Row
-from render.scene.places import Rail, Search
+from render.scene.places import LampCount, Rail, Search
 from render.scene.quantities import Count, Quantity, unchecked
 from render.scene.scene_file import as_scene, load_scene, scene_text, shipped_scenes, sources
 from render.scene.schema import Scene

@@ -10,6 +10,16 @@ class Limits {
   constructor(page) {
     Object.assign(this, page.limits);
     this.color = page.limits.power;
+    /* Lamps of each group, which have one color, or are all off. */
+    this.tied = [...new Set(this.ties)].map((group) =>
+      [...this.ties.keys()].filter((f) => this.ties[f] === group));
+  }
+
+  leads(f) { return this.leading[f] === f; }
+
+  /* Directions, those of mirror images following their leading lamp. */
+  mirrored(phi) {
+    return phi.map((_, f) => this.reflected[f] ? Math.PI - phi[this.leading[f]] : phi[this.leading[f]]);
   }
 
   /* Wall (mm) between holes of neighbors beyond the least one, per border, as
@@ -31,12 +41,13 @@ class Limits {
     return h.least.map((least, i) => Math.min(faces[0][i], faces[1][i]) - least);
   }
 
+  /* Lamps that meet a neighbor or a corner in the holder, or whose image does. */
   crowded(phi) {
     const found = new Set();
     this.slack(phi).forEach((slack, i) => {
-      if (slack < 0) for (const f of [this.holder.first[i], this.holder.last[i]]) if (f >= 0) found.add(f);
+      if (slack < 0) for (const f of [this.holder.first[i], this.holder.last[i]]) if (f >= 0) found.add(this.leading[f]);
     });
-    return found;
+    return new Set([...this.leading.keys()].filter((f) => found.has(this.leading[f])));
   }
 
   /* The allowed direction next to `angle` for a lamp, whatever its neighbors do. */
@@ -58,8 +69,9 @@ class Limits {
 
   /* Allowed directions near `phi`: crowded lamps are turned towards the normal of their edge. */
   settle(phi) {
-    const near = Float64Array.from(phi, (angle, f) => this.nearest(f, angle));
-    const turns = new Float64Array(phi.length), turned = near.slice();
+    const near = this.mirrored(Float64Array.from(phi, (angle, f) => this.nearest(f, angle)));
+    const turns = new Float64Array(phi.length);
+    let turned = near.slice();
     for (let pass = 0; pass < 16; pass++) {
       const crowded = this.crowded(turned);
       if (!crowded.size) break;
@@ -68,21 +80,24 @@ class Limits {
         const upright = this.nearest(f, Math.PI / 2);
         turned[f] = this.nearest(f, upright + (1 - turns[f] / 16) * (near[f] - upright));
       }
+      turned = this.mirrored(turned);
     }
     return turned;
   }
 
   /* Whether a coloring (color or OFF per lamp) uses allowed LEDs only, no more than there are and no more
      runs of one color along the ring (lamps that are off neither count nor split one), lights at most one
-     lamp of a group that overlaps, and keeps to budgets of current and price. */
+     lamp of a group that overlaps, keeps to counts and to budgets of current and price, and gives mirror
+     images one color. */
   allows(colors) {
     const used = this.counts.map(() => 0), lit = (f) => colors[f] !== OFF;
     const ring = this.ring.filter(lit).map((f) => colors[f]);
     const changes = ring.filter((c, i) => c !== ring.at(i - 1)).length;
     return ring.length <= this.most && Math.max(changes, Math.min(ring.length, 1)) <= this.runs
       && this.groups.every((group) => group.filter(lit).length <= 1)
+      && this.tied.every((group) => group.every((f) => colors[f] === colors[group[0]]))
       && this.budgets.every(({ cost, limit }) =>
-        colors.reduce((sum, c, f) => sum + (lit(f) ? cost[f][c] : 0), 0) <= limit + 1e-6)
+        colors.reduce((sum, c, f) => sum + (cost[f][c === OFF ? this.color.length : c] ?? 0), 0) <= limit + 1e-6)
       && colors.every((c, f) => c === OFF || (this.allowed[f][c] && ++used[this.led[c]] <= this.counts[this.led[c]]));
   }
 
@@ -96,10 +111,11 @@ class Limits {
       said.push(who.length === 2 ? `Fibers ${who[0]} and ${who[1]} meet in the holder.`
         : `Fiber ${who[0]} meets the corner of the holder.`);
     });
+    const image = this.mirrored(design.phi), off = (f, angle) => Math.abs(angle - design.phi[f]) > 1e-6;
     const turned = colors.map((_, f) => f)
-      .filter((f) => Math.abs(this.nearest(f, design.phi[f]) - design.phi[f]) > 1e-6);
+      .filter((f) => off(f, this.nearest(f, design.phi[f])) || off(f, image[f]));
     if (turned.length) said.push(`The scene forbids these directions: fiber ${turned.join(", ")}.`);
-    if (!this.allows(colors)) said.push("The scene allows other colors, fewer LEDs, fewer runs of one color, less current or price, or one of lamps that overlap.");
+    if (!this.allows(colors)) said.push("The scene allows other colors, fewer LEDs, fewer runs of one color, less current or price, one of lamps that overlap, other counts, or one color of mirror images.");
     return said;
   }
 }
@@ -148,10 +164,13 @@ class Climb {
   * turn() {
     const { model, limits, goal } = this, now = copyOf(this.design), count = now.phi.length;
     const last = new Float64Array(count);
-    const step = last.map((_, f) => (limits.low[f][0] < limits.high[f].at(-1) ? 0.03 : 0));
+    const step = last.map((_, f) => (limits.leads(f) && limits.low[f][0] < limits.high[f].at(-1) ? 0.03 : 0));
     this.doing = "turning the lamps";
     for (let i = 0; i < 300 && Math.max(...step) > 1e-5; i++) {
       const { value, byCounts } = goal.slopes(model.light.sum(now)), slope = model.along(now, byCounts).phi;
+      limits.leading.forEach((lead, f) => {
+        if (lead !== f) slope[lead] += limits.reflected[f] ? -slope[f] : slope[f];
+      });
       this.evaluated++;
       if (value > this.value) this.accept(copyOf(now), value);
       const old = now.phi.slice();
@@ -162,6 +181,7 @@ class Climb {
         last[f] = agree < 0 ? 0 : slope[f];
         if (agree >= 0) now.phi[f] = limits.nearest(f, old[f] + Math.sign(slope[f]) * step[f]);
       }
+      now.phi = limits.mirrored(now.phi);
       /* Neighbors that would meet in the holder stay where they were. */
       for (let crowded = limits.crowded(now.phi), n = 0; crowded.size && n < count; n++) {
         for (const f of crowded) { now.phi[f] = old[f]; step[f] /= 2; last[f] = 0; }
@@ -177,9 +197,10 @@ class Climb {
     this.doing = "turning the lamps";
     for (let moved = true; moved;) {
       moved = false;
-      for (let f = 0; f < this.design.phi.length; f++) for (const way of [-1, 1]) {
+      for (let f = 0; f < this.design.phi.length; f++) for (const way of limits.leads(f) ? [-1, 1] : []) {
         const next = copyOf(this.design);
         next.phi[f] = limits.nearest(f, Math.min(Math.max(next.phi[f] + way * limits.step, 0), Math.PI));
+        next.phi = limits.mirrored(next.phi);
         if (next.phi[f] === this.design.phi[f] || limits.crowded(next.phi).size) continue;
         const value = goal.value(model.light.sum(next));
         this.evaluated++;
@@ -226,16 +247,20 @@ class Climb {
     const { model, limits, design } = this, leds = limits.color.length;
     const slope = model.along(design, this.goal.slopes(counts).byCounts).power;
     const colors = Array.from(design.phi, (_, f) => colorOf(design, f));
-    const single = colors.flatMap((old, f) => [OFF, ...limits.color.keys()].filter((c) => c !== old).map((c) => {
+    const gain = (f, c) => {
       let foreseen = c === OFF ? 0 : slope[leds * f + c] * this.fractions[f] * limits.color[c];
       for (let l = 0; l < leds; l++) foreseen -= slope[leds * f + l] * powersOf(design, f)[l];
-      return { f, c, foreseen };
-    }));
+      return foreseen;
+    };
+    const single = limits.tied.flatMap((group) => [OFF, ...limits.color.keys()]
+      .filter((c) => group.some((f) => colors[f] !== c)).map((c) => ({
+        group, changes: group.map((f) => ({ f, c })), foreseen: group.reduce((sum, f) => sum + gain(f, c), 0),
+      })));
     const found = [];
     single.forEach((one, i) => {
       for (const other of [null, ...single.slice(i + 1)]) {
-        if (other && other.f === one.f) continue;
-        const changes = other ? [one, other] : [one], next = colors.slice();
+        if (other && other.group === one.group) continue;
+        const changes = other ? [...one.changes, ...other.changes] : one.changes, next = colors.slice();
         for (const { f, c } of changes) next[f] = c;
         if (!limits.allows(next)) continue;
         found.push({ changes, foreseen: one.foreseen + (other ? other.foreseen : 0) });

@@ -28,8 +28,9 @@ def all_colorings(limits: SearchLimits, most: int, *, alike: bool) -> Colors | N
     fibers, least = len(sizes), int(sizes.min())
     taken = np.bincount(palette.led, allowed.any(axis=0), palette.led_count) > 0
     leds = limits.led_counts[: palette.led_count] * taken // least
-    ring = np.arange(fibers) if limits.runs is None else limits.runs.ring
-    runs = fibers if limits.runs is None else limits.runs.most
+    # Of lamps that are tied, runs are counted at the end.
+    given = limits.runs if limits.ties is None else None
+    ring, runs = (np.arange(fibers), fibers) if given is None else (given.ring, given.most)
     usable = ring[np.asarray(allowed.any(axis=1))[ring]]
     lamps = len(limits.allowed) if limits.most_lit is None else limits.most_lit
     top = min(len(usable), int(leds.sum()), lamps // least)

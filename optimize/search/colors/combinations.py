@@ -30,11 +30,12 @@ MOST_COMBINATIONS = 10**9
 def are_combinations(limits: SearchLimits) -> bool:
     """Return whether all colorings within ``limits`` are combinations of few choices.
 
-    Lamps that exclude others or are tied, budgets and several shots are no part of a combination.
+    Lamps that are tied, budgets and several shots are no part of a combination.
     """
-    alone = limits.exclusive is None and limits.ties is None and limits.palette.shots == 1
+    alone = limits.ties is None and limits.palette.shots == 1
     few = limits.some_stay_off or limits.runs_limited
-    return alone and not limits.budgets and few
+    apart = limits.exclusive is None or limits.may_be_off
+    return alone and not limits.budgets and few and apart
 
 
 def count_combinations(limits: SearchLimits, *, alike: bool) -> int:
@@ -147,6 +148,10 @@ class Combinations:
         allowed = limits.allowed[self.ring]
         if self.by_change:
             allowed = np.pad(allowed, [(0, 0), (0, 1)])
+        near = np.zeros((self.fibers, self.fibers), bool) if limits.exclusive is None else (
+            limits.exclusive
+        )  # fmt: skip
+        self._exclusive = np.ascontiguousarray(near[np.ix_(self.ring, self.ring)])
         self._forbidden = np.zeros((self.colors + 1, self.fibers + 1), np.int64)
         self._forbidden[:, 1:] = np.cumsum(~allowed.T, axis=1)
         self._led_counts = limits.led_counts[: self.colors].astype(np.int64)
@@ -201,8 +206,8 @@ class Combinations:
         rules = np.array([self.by_change, self.runs, self.alike, self.fibers], np.int64)
         found, evaluated = best_combinations(
             base.astype(np.float32), self._units, self._columns, np.array(task, np.int64), rules,
-            self._led_counts, self._forbidden, self.bends, self._constants, self._mark, least,
-            scores, places, colors,
+            self._led_counts, self._forbidden, self._exclusive, self.bends, self._constants,
+            self._mark, least, scores, places, colors,
         )  # fmt: skip
         chosen = np.full((found, self.fibers), start if self.by_change else self.colors)
         for choice in range(count):

@@ -89,7 +89,7 @@ def _enumeration(scorer: TableScorer, units: Array) -> Enumeration:
     """Return the search of all colorings, or of all that are within limits of single lamps."""
     if scorer.limits.runs_limited:
         raise TactiluxError(
-            "an exact search of few runs takes lamps of one shot that exclude no others, without a "
+            "an exact search of few runs takes lamps of one shot that are not tied, without a "
             "budget; use the method quick",
             field="search.runs",
         )

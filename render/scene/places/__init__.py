@@ -9,6 +9,6 @@ from render.scene.places.candidates import (
     misfits,
     usual_rails,
 )
-from render.scene.places.mirror import image_of, images
+from render.scene.places.mirror import SIGNS, Mirror, image_of, images
 from render.scene.places.rail_places import CandidateLamp, Place, RailPlaces, rail_places
-from render.scene.places.search_section import KeepOut, Rail, Search
+from render.scene.places.search_section import KeepOut, LampCount, Rail, Search

@@ -50,10 +50,14 @@ def images(lamps: Sequence[PlacedLamp], mirror: Mirror) -> tuple[int | None, ...
         same = [
             number
             for number, other in enumerate(lamps)
-            if near[number] and (other.diameter, other.profile) == (lamp.diameter, lamp.profile)
+            if near[number] and _body(other) == _body(lamp)
         ]
         found.append(same[0] if same else None)
     return tuple(found)
+
+
+def _body(lamp: PlacedLamp) -> tuple[object, ...]:
+    return lamp.diameter, lamp.profile, lamp.turns
 
 
 def _alike(place: Array, other: Array, beam: Array, other_beam: Array) -> bool:

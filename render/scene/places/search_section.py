@@ -6,13 +6,15 @@ does, so it has no part in the scene's hash.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from render.arrays import Array
+from render.refused_values import did_you_mean
+from render.scene.colors import ColorName
 from render.scene.constraints import Constraints
 from render.scene.lamps import Edge, Vector
 from render.scene.places.polygon import border_distance, inside, polygon_problems
@@ -203,6 +205,41 @@ class KeepOut(Part):
         )
 
 
+class LampCount(Part):
+    """How many lit lamps are ``of`` some colors or parts together: at most ``max``, or ``exactly``.
+
+    A part of several dies is each of them.
+    """
+
+    of: Annotated[tuple[ColorName, ...], Field(strict=False, min_length=1)]
+    max: Annotated[int, Count(0, 1024)] | None = None
+    exactly: Annotated[int, Count(0, 1024)] | None = None
+
+    @property
+    def most(self) -> int:
+        """So many at most."""
+        return next(count for count in (self.exactly, self.max) if count is not None)
+
+    @property
+    def words(self) -> str:
+        """How many, of what, for people."""
+        return f"{'at most' if self.exactly is None else 'exactly'} {self.most} of " + ", ".join(
+            self.of
+        )
+
+    def problems(self, key: str, known: Sequence[str]) -> Iterator[str]:
+        """Yield what is wrong with it, where these names are ``known``."""
+        if (self.max is None) == (self.exactly is None):
+            said = "names neither max nor exactly" if self.max is None else "names max and exactly"
+            yield f"{key} {said}, allowed: one of the two"
+        for name in dict.fromkeys(self.of):
+            if name not in known:
+                meant = did_you_mean(name, known)
+                yield f"{key}.of = {name}, allowed: {', '.join(known)}{meant}"
+            elif self.of.count(name) > 1:
+                yield f"{key}.of names {name} twice, allowed: once"
+
+
 class Search(Part):
     """What a search may choose beside colors, directions and powers.
 
@@ -212,8 +249,8 @@ class Search(Part):
     distance of their centers, or else one diameter; ``keep_out`` are parts of edges and boards
     where none may be placed. ``mirror`` is the axis along which lamps are mirrored at 0: a lamp and
     its image have one color, or both are off. ``parts`` are LEDs of the library or of
-    ``[[parts]]``, one of which every lamp is. All lit lamps together draw ``current`` (mA) at most,
-    and cost ``price`` (US dollars) at most.
+    ``[[parts]]``, one of which every lamp is; ``counts`` says of how many lamps some are. All lit
+    lamps together draw ``current`` (mA) at most, and cost ``price`` (US dollars) at most.
     """
 
     lamps: Annotated[int, Count(1, 1024)] | None = None
@@ -223,8 +260,18 @@ class Search(Part):
     keep_out: Annotated[tuple[KeepOut, ...], Field(strict=False)] = ()
     places: Annotated[tuple[Rail, ...], Field(strict=False)] = ()
     parts: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    counts: Annotated[tuple[LampCount, ...], Field(strict=False)] = ()
     current: Annotated[float, Quantity("mA", 0.1, 100_000.0)] | None = None
     price: Annotated[float, Quantity("USD", 0.001, 100_000.0)] | None = None
+
+    def counting_problems(self, colors: Sequence[str], entries: Sequence[str]) -> Iterator[str]:
+        """Yield which names of ``counts`` are none of the scene's ``colors``.
+
+        Where the search names parts, those and their ``entries`` are known instead.
+        """
+        known = list(dict.fromkeys([*self.parts, *entries])) if self.parts else colors
+        for number, count in enumerate(self.counts):
+            yield from count.problems(f"search.counts.{number}", known)
 
     def problems(self, constraints: Constraints | None, lamps: int) -> Iterator[str]:
         """Yield what is wrong with the section by itself, for a scene of so many ``lamps``."""
@@ -232,9 +279,12 @@ class Search(Part):
             yield f"search names nothing, allowed: {', '.join(type(self).model_fields)}"
         if self.price is not None and not self.parts:
             yield "search.price without search.parts, allowed: parts, whose prices are known"
-        for name in ("runs", "parts"):
-            if self.mirror is not None and getattr(self, name):
-                yield f"search.{name} with search.mirror, allowed: one of them; leave one out"
+        exact = [count for count in self.counts if count.exactly is not None]
+        names = [name for count in exact for name in count.of]
+        least = sum(count.most for count in exact) if len(names) == len({*names}) else 0
+        if self.lamps is not None and least > self.lamps:
+            yield f"search.lamps = {self.lamps}, but search.counts asks for {least}, allowed: at " \
+                  f"least {least}"  # fmt: skip
         for number, rail in enumerate(self.places):
             yield from rail.problems(f"search.places.{number}", lamps)
         for number, part in enumerate(self.keep_out):
@@ -261,6 +311,8 @@ class Search(Part):
             yield f"at most {self.runs} run{'s' * (self.runs != 1)} of one color"
         if self.mirror is not None:
             yield f"lamps in pairs mirrored at {self.mirror} = 0"
+        for count in self.counts:
+            yield count.words
         for rail in self.places:
             where = {"edge": "along", "ring": "on", "board": "on", "list": "on"}[rail.kind]
             yield f"lamps may sit {where} {rail.words}"

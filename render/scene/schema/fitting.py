@@ -19,7 +19,7 @@ from render.scene.built_geometry import (
     row_problems,
     skin_problems,
 )
-from render.scene.catalog import naming_problems, own_problems
+from render.scene.catalog import entries_of, known_leds, naming_problems, own_problems
 from render.scene.colors import OFF
 from render.scene.faces import face_problems, painted_lamp_problems
 from render.scene.lamps import Fibers, ListedLamp, Row
@@ -92,7 +92,10 @@ def _search_problems(scene: Scene, others: list[str]) -> Iterator[str]:
     alone = list(scene.search.problems(scene.constraints, scene.lamp_count))
     if not others:
         own, channels = scene.parts or (), scene.palette.one_shot.channels
-        alone += naming_problems(scene.search.parts, own, channels, "search.parts")
+        named = list(naming_problems(scene.search.parts, own, channels, "search.parts"))
+        leds = [known_leds(own)[name] for name in ([] if named else scene.search.parts)]
+        entries = [entry.name for led in leds for entry in entries_of(led)]
+        alone += named or scene.search.counting_problems(scene.palette.one_shot.names, entries)
     yield from alone
     if not alone and not others:
         yield from candidate_problems(scene)

@@ -77,6 +77,16 @@ def test_the_same_leds_read_better_at_other_places() -> None:
     )
 
 
+def test_a_class_that_is_too_large_is_said_to_be_not_proven() -> None:
+    scene = searched_scene(load_scene("digit").with_(sites_columns=2, sites_rows=2), lamps=5)
+    found = explore(scene, open_model(scene, None, coarse=True), objective="score")
+    assert found.proven is None
+    assert found.proof == (
+        "Not proven to be the best of all designs with at most 5 of 34 lamps lit: swaps climbed "
+        "from many starts."
+    )
+
+
 def test_what_a_model_may_be_off_by_is_said_and_hands_nothing_back() -> None:
     scene = searched_scene(load_scene("digit").with_(sites_columns=2, sites_rows=2))
     checker = open_model(scene, None, coarse=True)

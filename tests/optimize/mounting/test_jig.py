@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optimize.design import Design, baseline_design, limits_of
+from optimize.design.runs import around_rim
 from optimize.mounting import JigError, drilling_jig, stl_bytes
+from optimize.placement import searched_scene
 from render.geometry import FiberHolder, flat_fiber_poses
 from render.scene import Scene, load_scene, unchecked
 
@@ -104,3 +106,71 @@ def test_fibers_that_meet_have_no_jig() -> None:
     with pytest.raises(JigError, match="fibers 3 and 4 at 150 and 30 deg meet"):
         drilling_jig(FINGER20, Design(phi, np.tile([1.0, 0.0, 0.0], (20, 1))))
     assert list(FiberHolder.of(FINGER20).problems(phi))
+
+
+def digit_design(lamps: int) -> tuple[Scene, Design]:
+    """Return a DIGIT with places, and lamps lit evenly among those along all edges."""
+    scene = searched_scene(load_scene("digit"), lamps=lamps)
+    order = np.argsort(around_rim(scene))
+    colors = np.full(scene.lamp_count, -1)
+    picked = np.linspace(0, scene.lamp_count, lamps, endpoint=False).astype(int)
+    colors[np.isin(order, picked)] = 0
+    return scene, Design.of_colors(np.full(scene.lamp_count, np.pi / 2), colors)
+
+
+@pytest.mark.parametrize("lamps", [3, 6, 9])
+def test_chosen_places_on_all_edges_have_a_ring_of_walls_with_their_holes(lamps: int) -> None:
+    scene, design = digit_design(lamps)
+    mesh, poses = printed(scene, design), flat_fiber_poses(scene)
+    lit = np.flatnonzero(design.colors >= 0)
+    assert len(lit) == lamps
+    assert {1, 3} & {*poses.face[lit].tolist()}
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.body_count == 1
+    ring = 3 in poses.face[lit]
+    assert mesh.euler_number == 2 - 2 * (lamps + ring)
+    beams = poses.directions(design.phi)
+    (width, length, height), wall = mesh.extents, FiberHolder.of(scene).thickness
+    circle = 0.5 * 48 * np.sin(2 * np.pi / 48) * (poses.radius[lit] + 0.05) ** 2
+    if ring:
+        area = width * length - (width - 2 * wall) * (length - 2 * wall)
+        assert mesh.volume == pytest.approx(area * height - circle.sum() * wall, rel=1e-5)
+    away = mesh.vertices[:, None] - poses.position[lit]
+    apart = np.linalg.norm(away - (away * beams[lit]).sum(-1, keepdims=True) * beams[lit], axis=-1)
+    on_rim = np.abs(apart - poses.radius[lit] - 0.05) < 1e-4
+    assert (on_rim.sum(axis=0) >= 2 * 48).all()
+
+
+def test_lamps_that_no_wall_holds_have_no_jig() -> None:
+    said = {"unit": "mm", "source": "test"}
+    corners = [[-7.0, -9.0], [7.0, -9.0], [7.0, 9.0], [-7.0, 9.0]]
+    board = {"corners": {"value": corners, **said}, "heights": {"value": [-3.0], **said}}
+    asked = load_scene("digit").with_(schema=2, search={"places": [board]})
+    scene = searched_scene(asked)
+    colors = np.full(scene.lamp_count, -1)
+    colors[[0, 5]] = 0
+    design = Design.of_colors(np.full(scene.lamp_count, np.pi / 2), colors)
+    with pytest.raises(JigError, match="lamp 5 sits below the pad, not beside an edge"):
+        drilling_jig(scene, design)
+
+
+def test_lamps_above_each_other_have_no_jig() -> None:
+    heights = {"value": [1.0, 5.0], "unit": "mm", "source": "test"}
+    rails = [{"edge": "left", "heights": heights}]
+    scene = searched_scene(load_scene("digit").with_(schema=2, search={"places": rails}), lamps=2)
+    places = np.array([lamp.position for lamp in scene.placed_lamps()])
+    colors = np.full(scene.lamp_count, -1)
+    colors[(places[:, 0] < -8.0) & (places[:, 1] == places[4, 1])] = 0
+    assert (colors == 0).sum() == 2
+    design = Design.of_colors(np.full(scene.lamp_count, np.pi / 2), colors)
+    with pytest.raises(
+        JigError, match=r"the hole of lamp \d+ meets another, or an end of the left"
+    ):
+        drilling_jig(scene, design)
+
+
+def test_a_dark_design_has_no_jig() -> None:
+    dark = Design(np.full(20, np.pi / 2), np.zeros((20, 3)))
+    with pytest.raises(JigError, match="lights no lamp"):
+        drilling_jig(FINGER20, dark)

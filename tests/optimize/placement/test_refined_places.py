@@ -131,3 +131,63 @@ def test_places_that_are_named_one_by_one_stay(tmp_path: Path) -> None:
     assert refined_places(scene, searched_scene(scene), lit(scene, {0: 1}), "score") is None
     own = Design.of_colors(np.full(5, math.pi / 2), [0, 1, 2, -1, -1])
     assert refined_places(scene, searched_scene(scene), own, "score") is None
+
+
+@pytest.mark.parametrize("color", ["green-0603", "ws2812b-2020-green"])
+def test_a_part_goes_to_the_middle_with_its_body(color: str, tmp_path: Path) -> None:
+    rail = f"between = {quantity([-5.3, 6.0])}"
+    scene = digit_with(tmp_path, 'parts = ["green-0603", "ws2812b-2020"]', "lamps = 1", BASE, rail)
+    searched = searched_scene(scene)
+    lamps, allowed = searched.placed_lamps(), limits_of(searched).allowed
+    number = searched.palette.names.index(color)
+    near = [abs(lamp.position[0]) + 9.0 * (lamp.position[1] > -13.0) for lamp in lamps]
+    lit = int(np.where(allowed[:, number], near, np.inf).argmin())
+    colors = np.full(len(lamps), -1)
+    colors[lit] = number
+    design = Design.of_colors(np.full(len(lamps), math.pi / 2), colors, searched.palette)
+    found = refined_places(scene, searched, design, "score")
+    assert found is not None
+    (moved,) = np.flatnonzero(found.design.colors >= 0)
+    after = found.scene.placed_lamps()[moved]
+    assert abs(after.position[0]) < 0.1 < abs(lamps[lit].position[0])
+    assert (after.diameter, after.profile) == (lamps[lit].diameter, lamps[lit].profile)
+    assert found.scene.palette.names[found.design.colors[moved]] == color
+    assert limits_of(found.scene).fits(found.design.colors[None])[0]
+
+
+def test_what_shines_in_one_shot_does_so_at_its_new_place(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 1", BASE, f"between = {quantity([-5.3, 6.0])}")
+    searched = searched_scene(scene, shots=2)
+    menu = along_base(scene)
+    colors = np.full(searched.lamp_count, -1)
+    colors[scene.lamp_count + int(np.abs(menu).argmin())] = searched.palette.index("green@1")
+    phi = np.full(searched.lamp_count, math.pi / 2)
+    design = Design.of_colors(phi, colors, searched.palette)
+    found = refined_places(scene, searched, design, "sensor")
+    assert found is not None
+    assert found.scene.palette == searched.palette
+    (number,) = np.flatnonzero(found.design.colors >= 0)
+    assert searched.palette.names[found.design.colors[number]] == "green@1"
+    assert found.after < found.before
+
+
+def test_traced_light_gets_places_around_that_are_not_lit_together(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 2", BASE, f"between = {quantity([-5.3, 6.0])}")
+    middle = int(np.abs(along_base(scene)).argmin())
+    searched = searched_scene(scene)
+    found = refined_places(scene, searched, lit(scene, {middle: 1}), "score", traced=True)
+    assert found is not None
+    (number,) = np.flatnonzero(found.design.colors >= 0)
+    lamps = found.scene.placed_lamps()
+    at = lamps[number].position[0]
+    places = {round(lamp.position[0] - at, 6) for lamp in lamps if lamp.position[1] < -13.0}
+    assert {0.0, 1.0, -1.0, 2.0, -2.0} <= places
+    assert {round(x - at, 6) for x in along_base(scene)} <= places
+    limits = limits_of(found.scene)
+    pairs = np.array([(i, j) for i in range(3, len(lamps)) for j in range(3, i)])
+    both = np.full((len(pairs), len(lamps)), -1)
+    both[np.arange(len(pairs)), pairs[:, 0]], both[np.arange(len(pairs)), pairs[:, 1]] = 1, 2
+    apart = [np.linalg.norm(lamps[i].position - lamps[j].position) for i, j in pairs]
+    kept = np.array(apart) >= lamps[number].diameter - 1e-6
+    assert limits.fits(both).tolist() == kept.tolist()
+    assert not kept.all()

@@ -29,13 +29,18 @@ def limits_with(
     lit: int | None = None,
     runs: int | None = None,
     leds: tuple[int, ...] = (99, 99, 99),
+    near: tuple[tuple[int, int], ...] = (),
 ) -> SearchLimits:
     """Return limits whose ring is no simple row of numbers."""
     ring = np.random.default_rng(fibers).permutation(fibers)
     free = unlimited(fibers, off=off)
     counts = np.array([*leds, fibers][: 3 + off])
     given = None if runs is None else Runs(runs, ring)
-    return replace(free, most_lit=lit, runs=given, led_counts=counts)
+    exclusive = np.zeros((fibers, fibers), dtype=bool) if near else None
+    for one, other in near:
+        assert exclusive is not None
+        exclusive[one, other] = exclusive[other, one] = True
+    return replace(free, most_lit=lit, runs=given, led_counts=counts, exclusive=exclusive)
 
 
 def every(limits: SearchLimits) -> np.ndarray:
@@ -51,6 +56,8 @@ CLASSES = [
     {"off": True, "lit": 3, "leds": (1, 1, 1)},
     {"off": True, "lit": 4, "leds": (0, 2, 1)},
     {"off": True, "lit": 4, "runs": 2},
+    {"off": True, "lit": 4, "near": ((0, 1), (1, 2), (3, 4))},
+    {"off": True, "lit": 3, "runs": 2, "near": ((3, 5), (0, 4))},
     {"off": True, "lit": 4, "runs": 1},
     {"off": True, "runs": 3, "leds": (2, 2, 2)},
     {"off": False, "runs": 1},
@@ -80,7 +87,7 @@ def test_the_best_of_a_class_is_that_of_brute_force(
     assert found.evaluated == len(alike)
 
 
-@pytest.mark.parametrize("given", CLASSES, ids=str)
+@pytest.mark.parametrize("given", [one for one in CLASSES if "near" not in one], ids=str)
 @pytest.mark.parametrize("alike", [False, True])
 def test_a_class_has_as_many_colorings_as_are_counted(
     given: dict[str, object], alike: bool
