@@ -73,10 +73,10 @@ def test_no_room_holds_more_than_twenty_two_modules() -> None:
 
 
 LINES = {
-    "render": 33_054,  # LEDs of data sheets; shots as channels; places; scenes as files
+    "render": 33_053,  # LEDs of data sheets; shots; places; steady sums, traced light in parts
     "surrogate": 6_685,  # models state level and effort, of each held-out error too
-    "optimize": 26_860,  # lamps are parts, budgets; places are searched, a design's scene
-    "hw": 10_548,  # a list of parts; a rig plays shots; sheets say the exposure
+    "optimize": 26_858,  # parts, counts, pairs of places; traced light refines; errors are drawn
+    "hw": 10_548,  # a rig plays shots; sheets say the exposure; bands of pulses are found
 }
 """Lines of each package. They may fall; who raises one says beside it what for."""
 

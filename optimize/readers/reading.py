@@ -16,7 +16,6 @@ import numpy as np
 from optimize.design import Array, ReadErrors
 from optimize.objectives import READERS
 from optimize.readers.camera_model import CameraModel
-from optimize.readers.expected_error import one_thread
 from optimize.readers.model_colors import ModelColors, model_offsets
 from optimize.readers.normal_colors import colors_of_normals
 from optimize.readers.normals import angle, plane_parts, random_normals, steepest, vectors
@@ -197,8 +196,7 @@ def reading(
     camera = camera or CameraModel.of(scene)
     learned = ExposedColors.of(known, camera)
     true = learned if shown is None else learned.like(shown)
-    with one_thread():
-        found = [read_normals(scene, learned, true, camera, seed) for seed in seeds]
+    found = [read_normals(scene, learned, true, camera, seed) for seed in seeds]
     offsets = {name: np.empty(0) for name in READERS}
     if errors is not None:
         offsets = model_offsets(scene, ModelColors(known[None], errors[:, None]), camera)

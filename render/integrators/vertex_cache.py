@@ -52,7 +52,8 @@ class LaneGroups:
         members = lanes // groups + (group < lanes % groups)
         # Within the smallest group, no partner comes twice.
         paths = min(paths, lanes // groups)
-        self.lanes, self.groups, self.paths, self.rows = map(mi.UInt32, (lanes, groups, paths, rows))
+        sizes = (lanes, groups, paths, rows)
+        self.lanes, self.groups, self.paths, self.rows = map(mi.UInt32, sizes)
         dr.make_opaque(self.lanes, self.groups, self.paths, self.rows)
         self.count, self.path_count = groups, paths
         self.lane = dr.arange(mi.UInt32, lanes)
