@@ -10,7 +10,8 @@ from collections.abc import Iterable
 
 from render.errors import RenderError
 from render.geometry import in_state
-from render.scene import FACES, Finish, Scene
+from render.pad import mirror_faces
+from render.scene import FACES, Scene
 
 STRATA = 4
 """Camera subpaths of a facet in one sample, each from its own part of the facet's pixels."""
@@ -64,10 +65,8 @@ def _trapping_walls(scene: Scene) -> str:
     metal = _metal_walls(scene, FACING)
     if metal:
         return metal
-    smooth = [
-        " and ".join(pair) for pair in FACING
-        if all(_is_mirror(_finish(scene, face)) for face in pair)
-    ]  # fmt: skip
+    mirror = dict(zip(FACES, mirror_faces(scene), strict=True))
+    smooth = [" and ".join(pair) for pair in FACING if all(mirror[face] for face in pair)]
     solids = {lamp.solid for lamp in scene.placed_lamps()} - {None}
     # Along the faces light keeps what its own medium gave it.
     index = scene.pad.index
@@ -77,7 +76,7 @@ def _trapping_walls(scene: Scene) -> str:
         return f"{smooth[0]}, smooth and of index {index:g} (up to 1.41 they let it go)"
     layer = scene.diffuser
     strip = layer is not None and layer.sigma_s == 0.0 and scene.box.layered.any()
-    if strip and scene.pad.roughness == 0.0 and _is_mirror(_finish(scene, "lower")):
+    if strip and scene.pad.roughness == 0.0 and mirror["lower"]:
         return "the smooth upper and lower faces of a clear layer (diffuser.sigma_s = 0)"
     return ""
 
@@ -85,19 +84,10 @@ def _trapping_walls(scene: Scene) -> str:
 def _metal_walls(scene: Scene, pairs: tuple[tuple[str, str], ...]) -> str:
     """Return in words the first of ``pairs`` of walls that are mirrors of metal, "" for none."""
     for pair in pairs:
-        if all(_finish(scene, face).metal is not None for face in pair):
+        if all(scene.finish(face).metal is not None for face in pair):
             return f"the mirrors {pair[0]} and {pair[1]}"
     return ""
 
 
 def _cast_in(scene: Scene) -> bool:
     return any(lamp.solid for lamp in scene.placed_lamps())
-
-
-def _finish(scene: Scene, face: str) -> Finish:
-    return scene.finishes[FACES.index(face)]
-
-
-def _is_mirror(finish: Finish) -> bool:
-    """Return whether a face reflects like a mirror: a smooth boundary to the air, or metal."""
-    return finish.smooth or finish.metal is not None
