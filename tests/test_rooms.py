@@ -73,7 +73,7 @@ def test_no_room_holds_more_than_twenty_two_modules() -> None:
 
 
 LINES = {
-    "render": 33_551,  # places; scenes as files; a BSDF is asked at once; words by AVX-512
+    "render": 33_549,  # places; scenes as files; a BSDF is asked at once; words by AVX-512
     "surrogate": 6_735,  # models state level and effort, of each held-out error too
     "optimize": 26_440,  # lamps are parts, budgets; places are searched, a design's scene
     "hw": 10_329,  # a list of parts; a rig plays shots; sheets say the exposure

@@ -215,9 +215,7 @@ class SubpathTracer:
         edges_max, roulette = self.limits.edges(), self.limits.roulette()
         active = dr.max(start.ray.beta) > 0  # lanes under way
         # What a loop does not change is no part of its state: to find that, it is traced twice.
-        while dr.hint(
-            active, exclude=[start, stream, slots, of_light, unit, edges_max, roulette]
-        ):
+        while dr.hint(active, exclude=[start, stream, slots, of_light, unit, edges_max, roulette]):
             edges, event = walk.edges, walk.event
             v, met, arrived, escaped = self._arrive(start, walk, active)
             # ------------ Emitters and direct light, or what is sent to the camera ------------
