@@ -52,23 +52,25 @@ class LaneGroups:
         members = lanes // groups + (group < lanes % groups)
         # Within the smallest group, no partner comes twice.
         paths = min(paths, lanes // groups)
-        sizes = (lanes, groups, paths, rows)
-        self.lanes, self.groups, self.paths, self.rows = map(mi.UInt32, sizes)
-        dr.make_opaque(self.lanes, self.groups, self.paths, self.rows)
+        self.lanes, self.groups, self.paths, self.rows = (
+            dr.opaque(mi.UInt32, n) for n in (lanes, groups, paths, rows)
+        )
         self.count, self.path_count = groups, paths
         self.lane = dr.arange(mi.UInt32, lanes)
-        self.place, self.group, self.members, self.apart, self._before, self._rest = (
-            mi.UInt32(x.astype(np.uint32))
-            for x in (place, group, members, members // paths, *np.divmod(place * rows, members))
+        columns = (place, group, members, members // paths, *np.divmod(place * rows, members))
+        # Gathered, not loaded: how the memory of NumPy is aligned would be compiled.
+        self._table = mi.UInt32(np.concatenate(columns).astype(np.uint32))
+        self.place, self.group, self.members, self.apart = (
+            self._column(k, self.lane) for k in range(4)
         )
+
+    def _column(self, k: int, lane: mi.UInt32) -> mi.UInt32:
+        return dr.gather(mi.UInt32, self._table, lane + k * self.lanes)
 
     def film_positions(self, lane: mi.UInt32, numbers: Numbers) -> mi.Point2f:
         """Return uniform film positions in [0, 1)^2 of lanes, for uniform numbers."""
         x, y = numbers[:2]
-        before, rest, members = (
-            mi.Float(dr.gather(mi.UInt32, counts, lane))
-            for counts in (self._before, self._rest, self.members)
-        )
+        members, before, rest = (mi.Float(self._column(k, lane)) for k in (2, 4, 5))
         # (place + x) / members of all rows; whole rows are counted in integers, which keeps all
         # bits of x.
         part = (rest + x * self.rows) / members
