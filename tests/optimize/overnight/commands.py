@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+import tactilux
 from optimize.design import Design, save_design
 from render.files import read_npz
 from render.scene import load_scene
@@ -23,7 +24,9 @@ def words_of(name: str, scene: Path, folder: Path) -> list[object]:
         if not design.exists():
             tiny = load_scene(scene)
             phi, power = np.linspace(1.0, 2.0, tiny.lamp_count), np.eye(3)[[0, 1, 2, 0, 1]]
-            save_design(design, Design(phi, power, tiny.palette), tiny)
+            asked = Design(phi, power, tiny.palette)
+            rated = tactilux.rate(asked, tiny, model=tactilux.load_model(tiny, coarse=True))
+            save_design(design, asked, tiny, rated.rating)
         return [name, design, "--out", folder / "out", "--samples", SAMPLES, "--seeds", 4]
     amount = [] if name == "explore" else ["--samples", SAMPLES]
     return [name, scene, "--out", folder / "out", *amount]
