@@ -256,7 +256,7 @@ def predicted_spread(checker: Checker, design: Design) -> Array:
     pad = output["background"][:, :, None]
     both = np.concatenate([spread, relative[:, :, None] * pad], axis=2)
     noise = (checker.photon_noise or 0.0) * np.concatenate([counts, pad], axis=2)
-    return np.hypot(both, noise) / part
+    return np.asarray(np.hypot(both, noise) / part)
 
 
 def _unclipped(checker: Checker, design: Design) -> tuple[dict[str, Array], float]:
