@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from optimize.design import Rating, ReadErrors, save_design
+from optimize.design import Rating, ReadErrors, limits_of, save_design
 from optimize.mounting import (
     FULL_LEVEL,
     ErrorCost,
@@ -319,9 +319,13 @@ def wiring_drawing(mounting: Mounting) -> Figure:
         axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
         _draw_axes(axes)
         arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
-        empty = empty_places(scene, design)
+        empty, near = empty_places(scene, design), limits_of(scene).exclusive
+        # Where a body is, no other place is left.
+        taken = np.zeros_like(empty) if near is None else near[:, ~empty].any(axis=1)
         for i, color in enumerate(design.color_names):
             if empty[i]:
+                if taken[i]:
+                    continue
                 axes.plot(*position[i], "o", ms=2.0, mfc="none", mec="#b6bbc4", mew=0.6)
                 continue
             ink = scene.palette.ink(color)

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from optimize.design import baseline_design
+from optimize.design import Design, baseline_design
 from optimize.mounting import mount
+from optimize.placement import candidates_of, searched_scene
 from optimize.report import render_page, wiring_context
+from optimize.report.wiring import wiring_drawing
 from render.scene import Scene, load_scene
 from tests.colored_skins import content_with, of
 
@@ -104,3 +106,16 @@ def test_a_phone_shows_every_column_and_a_dark_screen_a_dark_drawing(
             picture = page.locator(".sheet img")
             shot = imread(io.BytesIO(picture.screenshot()))[..., :3]
             assert shot.mean() < 0.3
+
+
+def test_places_under_a_lit_body_are_not_drawn_as_empty() -> None:
+    digit = load_scene("digit")
+    first, far = candidates_of(digit)[0], candidates_of(digit)[9]
+    beside = replace(first, position=first.position + [0.0, 0.4, 0.0])
+    scene = searched_scene(digit, candidates=[first, beside, far])
+    colors = np.array([-1, -1, -1, 0, -1, -1])
+    design = Design.of_colors(np.full(6, np.pi / 2), colors)
+    axes = wiring_drawing(mount(scene, design)).axes[0]
+    circles = [line.get_xydata()[0] for line in axes.lines if line.get_markerfacecolor() == "none"]
+    # Lamps of the baseline are no empty places.
+    assert np.array(circles) == pytest.approx(np.array([far.position[:2]]))
