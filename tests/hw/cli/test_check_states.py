@@ -40,7 +40,7 @@ def dome(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path]:
     scene = written(folder, scene_text_of("low", "twisted"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder))
-        train(scene, folder / "model", config=TrainConfig(samples=64))
+        train(scene, folder / "model", config=TrainConfig(samples=64, coarse=True))
     return scene, folder
 
 
