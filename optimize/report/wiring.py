@@ -319,11 +319,11 @@ def wiring_drawing(mounting: Mounting) -> Figure:
         axes.plot(sites[:, 0], sites[:, 1], "o", ms=2.0, color="#b6bbc4")
         _draw_axes(axes)
         arrow = {"arrowstyle": "-|>", "lw": 1.2, "mutation_scale": 8, "shrinkA": 0, "shrinkB": 0}
-        empty, beside = empty_places(scene, design), limits_of(scene).exclusive
+        empty, exclusive = empty_places(scene, design), limits_of(scene).exclusive
         # Where a body is, no other place is left.
         taken = np.zeros(len(empty), dtype=bool)
-        if beside is not None:
-            taken |= beside[:, ~empty].any(axis=1)
+        if exclusive is not None:
+            taken |= exclusive[:, ~empty].any(axis=1)
         for i, color in enumerate(design.color_names):
             if empty[i]:
                 if taken[i]:
