@@ -3,9 +3,9 @@
 The rules are POSIX's and no file system's own, as in Pillai et al., "All file systems are not
 created equal" (OSDI 2014): content outlasts a cut from the sync of its file on, a name from the
 sync of its folder on. Of writes that were not synced every sector may be there or not, whatever
-their order; a file may have grown without its content; of changes of names any part may be there,
-and a rename from one folder into another may be there in one of them alone. Writes inside of a
-sector do not tear it, and touch no other.
+their order; a file may have grown without its content. Of changes of names any part may be there;
+a rename into another folder may leave both names, not neither, as where it is one transaction of a
+journal. Writes inside of a sector do not tear it, and touch no other.
 """
 
 from __future__ import annotations
@@ -59,32 +59,58 @@ class _File:
         return b"".join(parts)
 
 
-@dataclass
+Names = dict[str, "_File | _Folder | None"]
+"""A change of names; None takes one away."""
+
+
+@dataclass(eq=False)
+class _Move:
+    """What a rename adds to another folder, and whether this cut has kept it, once it is drawn."""
+
+    into: _Folder
+    added: Names
+    kept: bool | None = None
+
+    @property
+    def pending(self) -> bool:
+        return any(change is self.added for change, _ in self.into.changes)
+
+
+@dataclass(eq=False)
 class _Folder:
-    """Names on the disk, and the changes since its last sync, each by name; None takes it away."""
+    """Names on the disk, and the changes since its last sync, with the move that they belong to."""
 
     durable: dict[str, _File | _Folder] = field(default_factory=dict)
-    changes: list[dict[str, _File | _Folder | None]] = field(default_factory=list)
+    changes: list[tuple[Names, _Move | None]] = field(default_factory=list)
     newest: dict[str, _File | _Folder] = field(default_factory=dict)
 
-    def change(self, names: dict[str, _File | _Folder | None]) -> None:
-        self.changes.append(names)
+    def change(self, names: Names, move: _Move | None = None) -> None:
+        self.changes.append((names, move))
         _rename(self.newest, names)
 
     def sync(self) -> None:
+        for _, move in self.changes:
+            if move is not None and move.into is not self and move.pending:
+                # What is taken away here for good is there for good.
+                _rename(move.into.durable, move.added)
         self.durable, self.changes = dict(self.newest), []
 
     def after_cut(self, rng: random.Random, loss: str) -> dict[str, _File | _Folder]:
         count = rng.randrange(len(self.changes) + 1)
-        kept = {
-            "nothing": lambda: self.changes,
-            "everything": list,
-            "the latest": lambda: self.changes[:count],
-            "any part": lambda: [change for change in self.changes if rng.random() < 0.5],
-        }[loss]()
         names = dict(self.durable)
-        for change in kept:
-            _rename(names, change)
+        for number, (change, move) in enumerate(self.changes):
+            kept = {
+                "nothing": True,
+                "everything": False,
+                "the latest": number < count,
+                "any part": rng.random() < 0.5,
+            }[loss]
+            if move is not None and move.into is self:
+                kept = move.kept = kept if move.kept is None else move.kept or kept
+            elif move is not None and kept and move.pending:
+                kept = move.kept = move.kept is not False
+            if kept:
+                _rename(names, change)
         return names
 
 
@@ -98,7 +124,7 @@ def _apply(content: bytearray, at: int, data: bytes | None) -> None:
         content[at : at + len(data)] = data
 
 
-def _rename(names: dict[str, _File | _Folder], changes: dict[str, _File | _Folder | None]) -> None:
+def _rename(names: dict[str, _File | _Folder], changes: Names) -> None:
     for name, item in changes.items():
         names.pop(name, None)
         if item is not None:
@@ -110,6 +136,7 @@ class Disk:
 
     def __init__(self) -> None:
         self.root = _Folder()
+        self.moves: list[_Move] = []
 
     def do(self, operation: Operation) -> None:
         """Take an operation in."""
@@ -129,8 +156,10 @@ class Disk:
             if other is folder:
                 folder.change({name: None, new: item})
             else:
-                other.change({new: item})
-                folder.change({name: None})
+                move = _Move(other, {new: item})
+                self.moves.append(move)
+                other.change(move.added, move)
+                folder.change({name: None}, move)
         else:
             assert isinstance(item, _File), operation
             item.change(operation.at, operation.data if operation.kind == "write" else None)
@@ -145,6 +174,8 @@ class Disk:
 
     def write_after_cut(self, target: Path, rng: random.Random, loss: str | None) -> None:
         """Write what is left after a cut into the folder ``target``; without ``loss`` any part."""
+        for move in self.moves:
+            move.kept = None
         self._write(self.root, target, rng, loss)
 
     def _write(self, folder: _Folder, target: Path, rng: random.Random, loss: str | None) -> None:

@@ -70,11 +70,15 @@ def test_a_name_that_is_replaced_is_always_one_of_both(tmp_path: Path) -> None:
     assert found == {OLD, NEW}
 
 
-def test_a_rename_into_another_folder_may_be_in_one_of_them_alone(tmp_path: Path) -> None:
+def test_a_rename_into_another_folder_loses_nothing(tmp_path: Path) -> None:
     folders = [Operation("mkdir", "one"), Operation("mkdir", "two"), *synced("")]
     file = [*written("one/a", OLD), *synced("one/a", "one")]
     moved = Operation("rename", "one/a", target="two/a")
     found = {frozenset(each) for each in left([*folders, *file, moved], tmp_path / "disk")}
-    assert found == {
-        frozenset(), frozenset({"one/a"}), frozenset({"two/a"}), frozenset({"one/a", "two/a"})
-    }  # fmt: skip
+    assert found == {frozenset({"one/a"}), frozenset({"two/a"}), frozenset({"one/a", "two/a"})}
+    # Nor where the sync of its old folder is all that was done.
+    found = {
+        frozenset(each)
+        for each in left([*folders, *file, moved, *synced("one")], tmp_path / "disk")
+    }
+    assert found == {frozenset({"two/a"})}
