@@ -176,8 +176,8 @@ def _moved_design(design: Design, searched: Scene, drawn: Scene, lit: Sequence[_
     """Return a ``design`` of the searched scene on a ``drawn`` one, its ``lit`` lamps moved."""
     old, new = _numbers(searched), _numbers(drawn)
     moved = {lamp for one in lit for lamp in one.members}
-    phi = np.full(len(new), math.pi / 2)
-    drive = np.zeros((len(new), design.drive.shape[1]))
+    phi = np.full(drawn.lamp_count, math.pi / 2)
+    drive = np.zeros((len(phi), design.drive.shape[1]))
     pairs = [(number, new[key]) for key, number in old.items()
              if key in new and number not in moved]  # fmt: skip
     for one in lit:
@@ -233,7 +233,9 @@ class _Round:
         """Draw the preview of the lamps that are ``lit`` and of places a ``part`` away."""
         self.searched, self.design, self.lit = searched, design, list(lit)
         choices = [[one.lamps, *_around(scene, one, part)] for one in lit]
-        lamps = [lamp for each in choices for pair in each for lamp in pair]
+        # Two that are lit may have a place next to both.
+        places = {_place(one): one for each in choices for pair in each for one in pair}
+        lamps = list(places.values())
         self.drawn = _drawn(scene, searched, lamps, scene.lamp_count + len(lamps))
         known = _numbers(self.drawn)
         # A part may not fit on every place next to its own.
@@ -279,7 +281,9 @@ class _Round:
                 moved = list(taken)
                 for mover, now in zip(movers, choice, strict=True):
                     moved[mover] = now
-                found.append(moved)
+                keys = [key for one in self._moved(moved) for key in one.keys(one.lamps)]
+                if len({*keys}) == len(keys):
+                    found.append(moved)
         designs = [self._design(moved).colors for moved in found]
         fits = self.limits.fits(np.array(designs)) if found else ()
         return [moved for moved, keeps in zip(found, fits, strict=True) if keeps]

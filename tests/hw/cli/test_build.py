@@ -68,7 +68,9 @@ def test_the_same_leds_elsewhere_read_better_and_are_a_sensor(
     before, after = (placed.result[key]["reader_error_deg"] for key in ("baseline", "optimized"))
     assert after < 0.9 * before
     assert "at new places: sensor reader" in placed.said
-    count = 3 + 4 + 4
+    # The three of the file, four places on each edge, and finer ones around two of these.
+    count = load_scene(placed.folder / "scene.toml").lamp_count
+    assert count == 3 + 4 + 4 + 2
     designs = count + count * (count - 1) // 2 + count * (count - 1) * (count - 2) // 6
     assert placed.result["proven_best_of"] == designs
     assert f"best of all {designs} designs" in placed.said

@@ -55,6 +55,16 @@ def test_one_lamp_goes_to_the_middle_of_a_symmetric_pad(tmp_path: Path) -> None:
     assert max(found.moved) == pytest.approx(abs(0.35 - place[0]), abs=1e-3)
 
 
+def test_neighbors_that_share_a_place_between_them_both_stay_lit(tmp_path: Path) -> None:
+    scene = digit_with(tmp_path, "lamps = 2", BASE, f"between = {quantity([-6.0, 6.0])}")
+    found = refined_places(scene, searched_scene(scene), lit(scene, {1: 0, 2: 1}), "score")
+    assert found is not None
+    numbers = np.flatnonzero(found.design.colors >= 0)
+    assert sorted(found.design.colors[numbers]) == [0, 1]
+    places = [found.scene.placed_lamps()[i].position[0] for i in numbers]
+    assert abs(places[0] - places[1]) > 1.0
+
+
 @pytest.mark.slow
 def test_two_colors_end_mirrored_where_a_scan_has_them(tmp_path: Path) -> None:
     scene = digit_with(tmp_path, "lamps = 2", BASE, f"between = {quantity([-6.0, 6.0])}")
