@@ -325,7 +325,8 @@ def _arrivals(paths: _Paths, pool: ThreadPoolExecutor, seed: int) -> Halved[Arri
     # Batches of all lamps, so that no processor waits for the last lamp; summed in their order.
     lit = np.flatnonzero(flying).tolist()
     tasks = [(lamp, numbers) for lamp in lit for numbers in every[sums[lamp].count :]]
-    paths.clock.skip(ticks * (len(lit) * len(every) - len(tasks)))
+    if kept := len(lit) * len(every) - len(tasks):
+        paths.clock.skip(ticks * kept)
     found = pool.map(lambda task: batch_of(*task), tasks)
     lamps = []
     for lamp in range(scene.lamp_count):
