@@ -21,8 +21,8 @@ from render.scene.scene_file import scene_from_text, scene_text
 from surrogate.runtime import RankingTest
 from tests.optimize.conftest import read_by
 
-RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, minutes=34.0, unconverged=0.0)
-NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, minutes=1.5, unconverged=0.0)
+RELIABLE = RankingTest(tau=0.96, factor=0.4, samples=12000, unconverged=0.0)
+NOISY = RankingTest(tau=0.41, factor=20.0, samples=200, unconverged=0.0)
 PIXEL = b"\x89PNG fake"
 
 
