@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated
 
@@ -33,9 +32,8 @@ if TYPE_CHECKING:
     from hw.check.bands import Bands
     from hw.check.commission import RigRecord
     from hw.check.diagnosis import Diagnosis
-    from hw.check.prediction import PadPrediction, SiteSpots
-    from render.arrays import Array
-    from render.scene import Palette, Scene
+    from hw.check.prediction import PadPrediction
+    from render.scene import Scene
 
 FRAMES = 16
 """Photographs that are averaged for each fiber of a live sweep: ten seconds at 30 a second."""
@@ -72,20 +70,12 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Say whether the rig looks as designed (exit code 1: a fault)."""
-    from dataclasses import replace
-
     import numpy as np
 
     from hw.calibrated_powers import calibrated_powers
-    from hw.camera.self_test import check_order
-    from hw.check.bands import find_bands
-    from hw.check.camera_response import measured_response
+    from hw.check.check_rig import KnownHealth, check_rig
     from hw.check.commission import commission, load_record
-    from hw.check.image_check import check_image
-    from hw.check.orientation import check_orientation
     from hw.check.prediction import SiteSpots, predict
-    from hw.check.rig_tolerances import rig_tolerances
-    from hw.check.sweep_check import check_sweep
     from optimize.design import baseline_design, load_design
     from optimize.scoring import open_model
     from render.scene import load_scene
@@ -94,100 +84,57 @@ def run(
         scene = load_scene(scene_name)
         posed, angle, number, _ = in_pose(scene, state, bend)
         lighting = baseline_design(scene) if design is None else load_design(design, scene)
-        if (capture is None) == (camera is None):
-            problem = "nothing to look at" if camera is None else "two things to look at"
-            raise CaptureError(
-                f"{problem}: give either --capture with a photograph or the folder of a sweep, or "
-                "--camera with a number",
-                field="capture",
-            )
+        _one_source(capture, camera)
         checker = open_model(scene, model, threads=2)
-        response = scene.palette.matrix
-        prediction = predict(checker, lighting.phi, lighting.drive, number, response)
+        prediction = predict(checker, lighting.phi, lighting.drive, number, scene.palette.matrix)
         spots = SiteSpots(posed, angle)
-        if camera is not None:
-            seen = live(scene, lighting, camera, wiring, photographs.lens, FRAMES)
+        if capture is not None:
+            seen = photographs.seen(scene, capture)
         else:
-            assert capture is not None
-            reader = photographs.reader(scene)
-            seen = reader.sweep(capture) if capture.is_dir() else reader.together(capture)
+            seen = live(scene, lighting, camera or 0, wiring, photographs.lens, FRAMES)
         began = time.perf_counter()
-        rig, commissioned = known_rig.rig, known_rig.commissioned
-        record = load_record(rig) if rig else None
+        commissioned = known_rig.commissioned
+        if commissioned is not None and not seen.alone:
+            raise CaptureError(
+                "one photograph cannot tell fibers apart: commission with the folder of a sweep",
+                field="commission",
+            )
+        record = load_record(known_rig.rig) if known_rig.rig else None
         if record is not None:
             record.check_fits(prediction, scene, number)
-            prediction = replace(prediction, response=record.response)
-        pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
-        known = rig_tolerances(
-            sweep=bool(seen.alone),
-            starts=0 if record is None else record.starts,
-            noise=seen.noise(photographs.noise, pixels),
-        )
-        ratio = None if record is None else record.ratio
         beside = design or (Path(scene_name) if Path(scene_name).is_file() else None)
         powers = calibrated_powers(known_rig.calibration, beside, scene.hash, scene.lamp_count)
         if record is None and powers is not None:
-            # The record of a healthy rig holds its powers already.
-            ratio = np.broadcast_to(powers.power[:, None], prediction.cells)
-            known = known.with_powers(powers.error)
             note(f"The fibers' powers are those of {powers.path}.")
-        if seen.alone:
-            colors = seen.stacked(prediction.lit, spots.colors)
-            lit = np.flatnonzero(prediction.lit)
-            alone = np.stack([seen.alone[fiber] for fiber in lit.tolist()])
-            check_orientation(prediction.alone[lit], alone, spots)
-            check_order(prediction.alone.sum(axis=1), colors.sum(axis=1), scene.palette)
-            if record is None:
-                prediction = replace(prediction, response=measured_response(prediction, colors))
-            diagnosis = check_sweep(prediction, colors, known, ratio)
-            if commissioned is not None and diagnosis.ok:
-                found = commission(prediction, colors, scene, number)
-                _commission(found, prediction, scene, commissioned)
-        else:
-            if commissioned is not None:
-                raise CaptureError(
-                    "one photograph cannot tell fibers apart: commission with the folder of a "
-                    "sweep",
-                    field="commission",
-                )
-            assert seen.together is not None
-            colors = spots.colors(seen.together)
-            _check_one(prediction, seen.together, spots, scene.palette)
-            diagnosis = check_image(prediction, colors, known, ratio)
-        bands = find_bands(scene, lighting.drive, seen, spots.pad)
-        diagnosis = replace(diagnosis, bands=tuple(bands))
+        pixels = np.maximum(spots.counts, 1) * (FRAMES if camera is not None else 1)
+        noise = seen.noise(photographs.noise, pixels)
+        found = check_rig(scene, prediction, seen, spots, noise, KnownHealth(record, powers))
+        diagnosis = found.diagnosis
+        if commissioned is not None and diagnosis.ok:
+            healthy = commission(found.prediction, found.colors, scene, number)
+            _commission(healthy, found.prediction, scene, commissioned)
         took = time.perf_counter() - began
         if as_json:
             print_json(stream, diagnosis.to_json())
         else:
             _write(stream, diagnosis, 1e3 * took, record, bool(seen.alone), scene.state_word)
-            if bands:
-                stream.write(bands_sentence(bands, scene.camera.exposure_time))
+            if diagnosis.bands:
+                stream.write(bands_sentence(diagnosis.bands, scene.camera.exposure_time))
     if not diagnosis.ok:
         if commissioned is not None:
             note("No record was made of a rig with faults: mend it first.")
         raise SystemExit(FAULTY)
 
 
-def _check_one(prediction: PadPrediction, photo: Array, spots: SiteSpots, palette: Palette) -> None:
-    """Refuse one photograph of all fibers that is turned, or whose channels are swapped.
-
-    Where left is red and right is blue both look alike, so both are named.
-    """
-    from hw.camera.self_test import check_order
-    from hw.check.orientation import check_orientation
-
-    problems = []
-    for check in (
-        partial(check_order, prediction.together, spots.colors(photo), palette),
-        partial(check_orientation, prediction.together[None], photo[None], spots),
-    ):
-        try:
-            check()
-        except CaptureError as error:
-            problems.append(error)
-    if problems:
-        raise CaptureError("; or ".join(map(str, problems)), field=problems[0].field)
+def _one_source(capture: Path | None, camera: int | None) -> None:
+    """Refuse nothing to look at, and two things."""
+    if (capture is None) == (camera is None):
+        problem = "nothing to look at" if camera is None else "two things to look at"
+        raise CaptureError(
+            f"{problem}: give either --capture with a photograph or the folder of a sweep, or "
+            "--camera with a number",
+            field="capture",
+        )
 
 
 def _commission(record: RigRecord, prediction: PadPrediction, scene: Scene, path: Path) -> None:

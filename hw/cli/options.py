@@ -15,6 +15,7 @@ from hw.leds import ProtocolName
 
 if TYPE_CHECKING:
     from hw.camera.photo_reader import PhotoReader
+    from hw.camera.photo_set import PhotoSet
     from hw.leds.fiber_lights import FiberLights
     from render.scene import Scene
 
@@ -85,6 +86,11 @@ class Photographs:
         from hw.camera.photo_reader import PhotoReader
 
         return PhotoReader(scene, self.lens, self.full_scale, self.gamma)
+
+    def seen(self, scene: Scene, capture: Path) -> PhotoSet:
+        """Return one photograph of all fibers, or the sweep in a folder."""
+        reader = self.reader(scene)
+        return reader.sweep(capture) if capture.is_dir() else reader.together(capture)
 
 
 @dataclass(frozen=True)
