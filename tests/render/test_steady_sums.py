@@ -64,7 +64,7 @@ def test_threads_are_as_before_afterwards(monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.slow
 def test_an_exploration_finds_the_same_design_on_any_number_of_cores(tmp_path: Path) -> None:
     found = set()
-    for number, machine in enumerate(MACHINES):
+    for number, machine in enumerate((MACHINES[0], MACHINES[-1])):
         out = tmp_path / f"{number}"
         printed(machine, "-m", "hw.cli", "explore", "finger20", "--out", out)
         found.add(hashlib.sha256((out / "design.json").read_bytes()).hexdigest())
