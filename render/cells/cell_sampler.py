@@ -26,7 +26,8 @@ from render.cells.guiding import (
     FacetGuiding,
     FiberGlow,
 )
-from render.cells.lamp_connections import Lamp
+from render.cells.lamp_aim import LampAim
+from render.cells.lamp_connections import AimedSubpaths, Lamp
 from render.cells.light_subpaths import CoatingTarget, DrawnVertices, trace_light_subpaths
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import MirrorImages
@@ -67,9 +68,11 @@ CLEAR_ROUGHNESS = 0.05
 NODES = 8
 """Direction nodes come in multiples of it: each number of them is a kernel of its own, which takes
 seconds to compile, where eight nodes take at most a tenth longer to render than one."""
-LEARNED_MAX, LEARNED_MIN = 0.8, 0.05
-"""What of the guided directions goes where photons came from, on clear pads and least; layers that
-leave less of their lamps have none."""
+AIMED_MAX, AIMED_MIN = 0.8, 0.1
+"""What of the guided directions goes to the lamp itself, on clear pads and on milky ones."""
+LEARNED_MIN = 0.05
+"""Least part of the guided directions that goes where photons came from; layers that leave less
+of their lamps have none."""
 
 
 def diffuser_depths(scene: Scene) -> Array:
@@ -196,7 +199,7 @@ class PadSampler:
         self.passable = bool(unknown and layer is not None and layer.sigma_s > 0.0)
         self.lobed = scene.coating.lobe is not None
         self.seen = lamps_are_seen(scene)
-        self.ways, shares = self._ways(scene, bend)
+        self.aim, self.ways, shares = self._ways(scene, bend, mirrors)
         self.shares = [dr.opaque(mi.Float, share) for share in shares]
         self.guided = SEEN_GUIDED_FRACTION if self.seen else GUIDED_FRACTION
         self.events = CLEAR_CAMERA_EVENTS if self.seen else CAMERA_EVENTS
@@ -204,15 +207,24 @@ class PadSampler:
         if bonded:
             self.events, self.stride = BONDED_CAMERA_EVENTS, BONDED_CAMERA_STRIDE
 
-    def _ways(self, scene: Scene, bend: float) -> tuple[list[Directions], list[float]]:
-        """Return how directions to the lamps are drawn, and the part of each."""
+    def _ways(
+        self, scene: Scene, bend: float, mirrors: np.ndarray
+    ) -> tuple[LampAim | None, list[Directions], list[float]]:
+        """Return how directions to the lamps are drawn, and the part of each: aims come first."""
         glow = FiberGlow(scene, bend)
+        if not self.seen:
+            return None, [glow], [1.0]
         clear = math.exp(-diffuser_depths(scene).min())
-        if not self.seen or clear < LEARNED_MIN:
-            return [glow], [1.0]
-        learned = LEARNED_MAX * clear
+        # Light from within the pad is straight but for what the lower face reflects.
+        passed = [LOWER if lamp.solid else lamp.face for lamp in scene.placed_lamps()]
+        if mirrors[passed].any() and not self.mirror.curved and not scene.window_refracts:
+            aim, part = LampAim(scene, self.mirror), max(AIMED_MIN, AIMED_MAX * clear)
+            return aim, [aim, glow], [part, 1.0 - part]
+        if clear < LEARNED_MIN:
+            return None, [glow], [1.0]
+        learned = AIMED_MAX * clear
         arriving = ArrivingLight(self.pad, self.light, scene.lamp_count)
-        return [arriving, glow], [learned, 1.0 - learned]
+        return None, [arriving, glow], [learned, 1.0 - learned]
 
     def guiding(self, fiber: mi.UInt32) -> FacetGuiding:
         """Return where the coating sends camera subpaths to find ``fiber``."""
@@ -224,15 +236,22 @@ class PadSampler:
             return None
         return Lamp(self.light, fiber, self.scene.pad.index == 1.0)
 
+    def aimed(self, guiding: FacetGuiding, lamp: Lamp | None) -> AimedSubpaths | None:
+        """Return the subpaths that find lamps behind smooth faces."""
+        if lamp is None or self.aim is None:
+            return None
+        return AimedSubpaths(lamp, self.aim, guiding)
+
     def camera_subpath(
         self, column: mi.Float, row: mi.Float, size: tuple[int, int], stream: Stream,
         first: mi.UInt32, fiber: mi.UInt32,
     ) -> FacetSubpath:  # fmt: skip
         """Trace camera subpaths through positions on a film of ``size`` (columns, rows)."""
         o, d = pixel_rays(self.scene, column, row, *size)
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return trace_facet_subpath(
-            self.pad, o, d, stream, first, self.guiding(fiber), self.glossy, self.images,
-            self.lamp(fiber), self.events, self.passable,
+            self.pad, o, d, stream, first, guiding, self.glossy, self.images, lamp,
+            self.aimed(guiding, lamp), self.events, self.passable,
         )  # fmt: skip
 
     def radiance(
@@ -240,9 +259,10 @@ class PadSampler:
         offset: mi.UInt32, fiber: mi.UInt32,
     ) -> list[mi.Float]:  # fmt: skip
         """Return, per direction node, what a camera subpath finds; `radiance_per_node` says how."""
+        guiding, lamp = self.guiding(fiber), self.lamp(fiber)
         return radiance_per_node(
-            self.pad, vertices, lane, subpath, stream, offset, self.guiding(fiber), self.glossy,
-            self.images, self.lamp(fiber), self.lobed,
+            self.pad, vertices, lane, subpath, stream, offset, guiding, self.glossy, self.images,
+            lamp, self.aimed(guiding, lamp), self.lobed,
         )  # fmt: skip
 
     def light_vertices(

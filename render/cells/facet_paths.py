@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.lamp_connections import Lamp, MetLamp
+from render.cells.lamp_connections import AIMED_EVENTS, AimedSubpaths, Lamp, MetLamp
 from render.cells.light_subpaths import DrawnVertex, DrawnVertices
 from render.cells.lower_face_mirror import LowerFaceMirror
 from render.cells.mirror_images import ImageChain, MirrorImages
@@ -74,7 +74,7 @@ class FacetSubpath:
 def trace_facet_subpath(
     scene: mi.Scene, o: mi.Point3f, d: mi.Vector3f, stream: Stream, first: mi.UInt32,
     guiding: GuidingDistribution, mirror: LowerFaceMirror | None, images: MirrorImages | None,
-    lamp: Lamp | None, events: int, passable: bool,
+    lamp: Lamp | None, aimed: AimedSubpaths | None, events: int, passable: bool,
 ) -> FacetSubpath:  # fmt: skip
     """Trace camera subpaths from rays ``(o, d)``; their events begin at ``first``.
 
@@ -95,6 +95,8 @@ def trace_facet_subpath(
     tail = SubpathTail.empty()  # the last vertices
     passes = mi.UInt32(0)  # volume vertices that may still be passed
     chain = ImageChain.closed()  # smooth mirrors behind the facet
+    share = mi.Float(1.0)  # of light straight from the lamp, beside aimed subpaths
+    followed = mi.UInt32(0)  # events that an aimed subpath would have taken
     while active:
         segment, begin = MetLamp.of(state, tail.p), mi.Point3f(state.o)
         state, v, arrived, escaped = trace_segment(scene, state, active)
@@ -102,6 +104,15 @@ def trace_facet_subpath(
         if lamp is not None:
             passed = lamp.passed(segment, begin, state, v, arrived, escaped)
             passed &= active & behind
+            # Aimed subpaths pass delta faces alone, and not none.
+            straight = (end.total == 0.0) & (glossy.total == 0.0)
+            if lamp.light.cast_in is not None:
+                straight &= segment.d_vcm == 0.0
+            followed += dr.select(behind, mi.UInt32(1), 0)
+            straight &= followed < AIMED_EVENTS
+            segment.beta *= dr.select(straight, share, 1.0)
+            # Aimed subpaths end where they met the lamp.
+            followed = dr.select(passed & straight, AIMED_EVENTS, followed)
             met = met.update(segment, dr.select(passed, 1.0, 0.0), choose_lamp)
         else:
             v.terminal = v.terminal | (v.diffuse & behind)
@@ -151,6 +162,9 @@ def trace_facet_subpath(
             started = ImageChain.closed()
             started.open, started.d_vcm = mi.Bool(True), mi.Float(state.d_vcm)
             chain = dr.select(is_facet, started, chain)
+        if aimed is not None:
+            own = aimed.share(facet, state.d, dr.rcp(state.d_vcm))
+            share = dr.select(is_facet, own, share)
         active &= ~escaped & ~absorbed & (~arrived | alive) & (event < first + events)
         event += 1
     for kept in (glossy, end):
@@ -163,7 +177,7 @@ def trace_facet_subpath(
 def radiance_per_node(
     scene: mi.Scene, light: DrawnVertices, lane: mi.UInt32, camera: FacetSubpath, stream: Stream,
     offset: mi.UInt32, guiding: GuidingDistribution, mirror: LowerFaceMirror | None,
-    images: MirrorImages | None, lamp: Lamp | None, lobed: bool,
+    images: MirrorImages | None, lamp: Lamp | None, aimed: AimedSubpaths | None, lobed: bool,
 ) -> list[mi.Float]:  # fmt: skip
     """Return, per direction node, what the lamp and its light vertices of ``lane`` send.
 
@@ -197,6 +211,9 @@ def radiance_per_node(
         for i in range(len(last_vertices)):
             numbers = stream.event((last + 1) * LIGHT_EVENTS - 1 - offset - i * JOINED_STRIDE)
             found.append(lamp.joined(scene, last_vertices[i], numbers, guiding))
+        if aimed is not None:
+            number = (last + 1) * LIGHT_EVENTS - 4 * JOINED_STRIDE + offset * 2 * AIMED_EVENTS
+            found.append(aimed.light(scene, camera.facet, stream, number))
         for values in found:
             for j in range(len(sums)):
                 sums[j] += values[j]

@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 from render.cells.fiber_light import FiberLight
+from render.cells.lamp_aim import LampAim, Way
 from render.paths.connect import optical_depth
 from render.paths.vertex import (
     Vertex,
@@ -25,13 +26,20 @@ from render.paths.vertex import (
     channel_mean,
     empty_vertex,
     evaluate_scattering,
+    leave,
 )
 from render.paths.walk import (
     GuidingDistribution,
     SubpathState,
+    begin_subpath,
     guided_pdf,
+    sample_scattering,
+    trace_segment,
 )
-from render.sampling.streams import Numbers
+from render.sampling.streams import Numbers, Stream
+
+AIMED_EVENTS = 8
+"""Events that an aimed subpath may take."""
 
 
 @dataclass
@@ -132,6 +140,84 @@ class Lamp:
         mis = ray.joined / (ray.joined + through * (pdf + by_light))
         value = channel_mean(z.beta * f * transmittance) * z.weight * mis / ray.joined
         return _scaled(ray.radiance, value, active & clear)
+
+
+@dataclass
+class AimedSubpaths:
+    """Subpaths from a facet of smooth faces to its lamp, one more for each of the main ways.
+
+    No other strategy finds light that comes from a lamp over smooth faces alone, so each facet
+    gets a direction of every main way of ``LampAim`` beside the one that its camera subpath draws
+    from the mixture. The balance heuristic counts all of them (Veach 1997, sec. 9.2.2).
+    """
+
+    lamp: Lamp
+    aim: LampAim
+    guiding: GuidingDistribution
+
+    def share(self, facet: Vertex, direction: mi.Vector3f, mixture_pdf: mi.Float) -> mi.Float:
+        """Return the camera subpath's share of light that comes straight from ``direction``."""
+        return mixture_pdf / (mixture_pdf + self._density(facet, direction))
+
+    def _density(self, facet: Vertex, direction: mi.Vector3f) -> mi.Float:
+        densities = [
+            self.aim.way_density(self.lamp.fiber, facet.p, way, direction)
+            for way in self.aim.main_ways
+        ]
+        return sum(densities[1:], densities[0])
+
+    def light(
+        self, scene: mi.Scene, facet: Vertex, stream: Stream, event: mi.UInt32
+    ) -> list[mi.Float]:
+        """Return, per direction node, the light that the aimed subpaths find.
+
+        Their numbers begin at ``event``.
+        """
+        sums = [mi.Float(0.0)] * self.lamp.light.nodes
+        for way in self.aim.main_ways:
+            met = self._trace(scene, facet, way, stream, event)
+            for j, value in enumerate(self.lamp.met(met)):
+                sums[j] = sums[j] + value
+            event = event + AIMED_EVENTS
+        return sums
+
+    @dr.syntax
+    def _trace(
+        self, scene: mi.Scene, facet: Vertex, way: Way, stream: Stream, event: mi.UInt32
+    ) -> MetLamp:
+        """Return where a direction of ``way`` passes through the lamp, over delta faces alone."""
+        x, y, free, _ = stream.event(event)
+        direction = self.aim.sample_way(self.lamp.fiber, facet.p, way, x, y)
+        active = facet.weight > 0
+        value, pdf, _ = evaluate_scattering(facet, direction, mi.TransportMode.Radiance, active)
+        density = self.guiding.mixture_pdf(facet, direction, pdf) + self._density(facet, direction)
+        origin, medium = leave(facet, direction)
+        # No other strategy competes: the sums of the balance heuristic are 0.
+        state = begin_subpath(
+            origin, direction, medium, facet.beta * value / density, mi.Float(0), mi.Float(0), free
+        )
+        active = active & (dr.max(value) > 0)
+        met = MetLamp.none()
+        count = mi.UInt32(1)
+        # Without a face between, a facet is joined to a lamp in the pad (s = 1).
+        late = mi.Bool(True)
+        if self.lamp.light.cast_in is not None:
+            late = ~dr.gather(mi.Bool, self.lamp.light.cast_in, self.lamp.fiber)
+        while active:
+            segment, begin = MetLamp.of(state, state.o), mi.Point3f(state.o)
+            state, v, arrived, escaped = trace_segment(scene, state, active)
+            passed = active & self.lamp.passed(segment, begin, state, v, arrived, escaped)
+            # A subpath that comes back to the lamp is left to the camera subpath.
+            met = dr.select(passed & late & (met.weight == 0), segment, met)
+            going = arrived & v.delta
+            late |= going
+            state, alive = sample_scattering(
+                state, v, mi.TransportMode.Radiance, stream.event(event + count), going
+            )
+            state.d_vcm, state.d_vc = mi.Float(0.0), mi.Float(0.0)
+            count += 1
+            active &= ~escaped & (~arrived | (going & alive)) & (count < AIMED_EVENTS)
+        return met
 
 
 def _scaled(radiance: list[mi.Float], scale: mi.Float, active: mi.Bool) -> list[mi.Float]:

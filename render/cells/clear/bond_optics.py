@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from render.cells.clear.crossings import face_crossing
+from render.cells.crossings import face_crossing
 from render.scene import Scene
 
 STEPS = 8

@@ -1,7 +1,7 @@
 """Ways of light from lamps into a flat pad of smooth faces over a window of another index.
 
 As in ``render.cells.clear.lamp_ways``, but for the bond, where light is bent on its way down and
-up. By Fermat's principle its line is the shortest (``render.cells.clear.crossings``). In the place
+up. By Fermat's principle its line is the shortest (``render.cells.crossings``). In the place
 of cells along z there are `LEVELS`: ways to a face of the pad, and others to one of the window,
 over lower face and bond, from points of the skin and from white paint around the window. Longer
 ones are left to camera subpaths.
@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from render.arrays import Array
 from render.cells.clear.bond_optics import Tube, WindowBond, reflected_by_walls, tube_behind
-from render.cells.clear.crossings import shortest_way
 from render.cells.clear.lamp_ways import BEHIND, GRID, Joined, LampLine, LampWays, face_way
 from render.cells.clear.pad_surfaces import BOND_MET, BOND_PASSED, FROM_WINDOW, LOWER_MET, NO_TURN
 from render.cells.clear.unfolded_cells import (
@@ -31,6 +30,7 @@ from render.cells.clear.unfolded_cells import (
     travels_up,
     wall_reflections,
 )
+from render.cells.crossings import shortest_way
 from render.cells.fiber_light import COSINE_MIN, FiberLight
 from render.geometry import LOWER
 from render.scene import OUTWARD, Scene
@@ -152,9 +152,12 @@ class BondedWays(LampWays):
             cell = way.cells[side_of(way.face) // 2]
             if cell and travels_up(way) != (cell > 0):
                 return False
+        reflects = np.ones(6, dtype=bool)
+        for face, there in enumerate(self._mirror):
+            reflects[side_of(face)] = there
         counts = wall_reflections((x, y, 0))
         counts[LOWER_SIDE] = LEVELS[depth].by_lower
-        return self._all_reflect(counts)
+        return bool(reflects[np.nonzero(counts)[0]].all())
 
     def _numbers(self, way: LampWay) -> tuple[list[float], NDArray[np.int64]]:
         """Return the 16 numbers of a way's line, and how often each side reflects."""

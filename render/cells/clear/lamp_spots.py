@@ -39,7 +39,7 @@ from render.cells.clear.pad_surfaces import (
     PadSurfaces,
     step_off,
 )
-from render.cells.clear.unfolded_cells import CELL_MAX, box_image, wall_reflections
+from render.cells.clear.unfolded_cells import CELL_MAX, box_image, side_of, wall_reflections
 from render.cells.fiber_light import FiberLight
 from render.sampling.reservoirs import OneNumberReservoir
 from render.sampling.streams import Stream
@@ -111,9 +111,16 @@ class LampSpots:
 
     def _images(self, scene: Scene) -> None:
         """Upload signs, shifts, counts of reflections in clear faces and the mirrors' part."""
-        metal = self.ways.sides
+        metal = np.full(6, np.nan)
+        for face, finish in enumerate(scene.finishes):
+            at = side_of(face)
+            metal[at] = finish.metal if finish.metal is not None else metal[at]
+            if finish.smooth:
+                metal[at] = -1.0
         rows = []
         span = range(-CELL_MAX, CELL_MAX + 1)
+        if self.deepest > 1:
+            metal[5] = -1.0
         levels = list(range(-self.deepest, 1))
         if self.surfaces.bond is not None:
             levels.append(AT_BOND)

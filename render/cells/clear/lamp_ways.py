@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.cells.clear.crossings import face_crossing
 from render.cells.clear.pad_surfaces import NO_TURN
 from render.cells.clear.unfolded_cells import (
     CELL_MAX,
@@ -32,11 +31,11 @@ from render.cells.clear.unfolded_cells import (
     box_image,
     code_of,
     side_of,
-    side_reflectances,
     travels_up,
     wall_reflections,
 )
 from render.cells.clear.way_draws import WayDraws
+from render.cells.crossings import face_crossing
 from render.cells.fiber_light import COSINE_MIN, FiberLight, LampRay
 from render.geometry import fiber_poses
 from render.scene import Scene
@@ -107,11 +106,15 @@ class LampWays:
         self.low, self.high = scene.box.low, scene.box.high
         # Beside the skin, over a clear rim.
         self._strip = bool(scene.box.layered.any())
+        metal = np.array([-1.0 if f.metal is None else f.metal for f in scene.finishes])
+        self._mirror = np.array([f.smooth or f.metal is not None for f in scene.finishes])
         self._smooth = np.array([f.smooth for f in scene.finishes])
-        self.sides = side_reflectances(scene)
-        metal = self.sides >= 0
-        self.metal_sides = mi.Float(np.where(metal, self.sides, -1.0).astype(np.float32))
-        self.metal = self.metal_sides if metal.any() else None
+        # What faces reflect, by axis and side; -1 where Fresnel's equations say that.
+        by_side = np.full(6, -1.0, dtype=np.float32)
+        for face, value in enumerate(metal):
+            by_side[side_of(face)] = value
+        self.metal_sides = mi.Float(by_side)
+        self.metal = self.metal_sides if (metal >= 0).any() else None
         self.box = mi.Vector3f(*self.low.tolist()), mi.Vector3f(*self.high.tolist())
         dr.make_opaque(self.metal_sides, self.box)
         candidates = self._candidates(scene)
@@ -150,11 +153,12 @@ class LampWays:
         cell = way.cells[side_of(way.face) // 2]
         if cell and travels_up(way) != (cell > 0):
             return False
-        return self._all_reflect(wall_reflections(way.cells))
-
-    def _all_reflect(self, counts: NDArray[np.int64]) -> bool:
-        """Return whether all sides do that are met on a way, so often each."""
-        return not np.isnan(self.sides[counts > 0]).any()
+        reflects = np.zeros(6, dtype=bool)
+        reflects[5] = self._strip
+        for face, there in enumerate(self._mirror):
+            reflects[side_of(face)] = there
+        counts = wall_reflections(way.cells)
+        return bool(reflects[np.nonzero(counts)[0]].all())
 
     def _upload(self, entries: list[tuple[int, LampWay]]) -> None:
         """Upload what the lines of ``entries`` need."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.arrays import Array
-from render.scene import FACES, OUTWARD, Scene
+from render.scene import FACES, OUTWARD
 
 CELL_MAX = 2
 """Cells beyond it, in either direction, are left to camera subpaths that meet the lamp."""
@@ -66,20 +66,6 @@ def box_image(low: Array, high: Array, cells: tuple[int, int, int]) -> tuple[Arr
     cell, size = np.array(cells), high - low
     odd = cell % 2 != 0
     return np.where(odd, -1.0, 1.0), np.where(odd, 2 * low + (cell + 1) * size, cell * size)
-
-
-def side_reflectances(scene: Scene) -> Array:
-    """Return what mirrors reflect, ``(axis and side,)``: -1 by Fresnel's equations, NaN for none.
-
-    The far side is one over a clear rim, beside the skin.
-    """
-    found = np.full(6, np.nan)
-    for face, finish in enumerate(scene.finishes):
-        if finish.smooth or finish.metal is not None:
-            found[side_of(face)] = -1.0 if finish.metal is None else finish.metal
-    if scene.box.layered.any():
-        found[5] = -1.0
-    return found
 
 
 def side_of(face: int) -> int:

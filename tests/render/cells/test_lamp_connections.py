@@ -9,7 +9,8 @@ import pytest
 
 from render.cells import lamp_connections
 from render.geometry import facets
-from render.reference import render_transport
+from render.reference import pad_cells, render_transport
+from render.sampling.monte_carlo import MonteCarlo
 from render.scene import Scene
 from tests.oracles.analog_cells import analog_lamp
 from tests.oracles.pads import scene_of_case
@@ -48,3 +49,25 @@ def test_a_bare_coating_has_the_light_of_the_closed_form(
     else:
         # Either way alone is but a part: their weights add up to one.
         assert ratio < 1.0 - 3.5 * error
+
+
+def test_aimed_subpaths_change_the_noise_of_a_smooth_pad_and_not_its_light(
+    mono: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from render.cells.cell_sampler import PadSampler
+
+    scene = scene_of_case("smooth")
+    levels, errors = [], []
+    for samples in (100, 500):
+        # One lamp at a time, as on pads where not all are served at once.
+        cells = pad_cells(scene, np.full((scene.lamp_count, 1), PHI), 0.0, False, sampler="pssmlt")
+        run = MonteCarlo(cells, 16 * samples, 16, 1)
+        run.sample(1)
+        found = run.estimate().sum(axis=(1, 2))
+        levels.append(found.mean())
+        errors.append(found.std(ddof=1) / 4)
+        # With few samples aimed subpaths, with many none.
+        monkeypatch.setattr(PadSampler, "aimed", lambda *given: None)
+    assert abs(levels[0] - levels[1]) < 3.5 * np.hypot(*errors)
+    assert np.hypot(*errors) < 0.1 * levels[0]
+    assert errors[0] ** 2 * 100 < errors[1] ** 2 * 500
