@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from hw.camera.photo_set import PhotoSet
 from hw.check.prediction import shining
-from optimize.design import part_entries, pulse_rates
+from optimize.design import part_entries
+from optimize.mounting import pulse_rates
 from render.arrays import Array
 from render.scene import Scene
 
@@ -30,10 +31,10 @@ LEAST_CONTRAST = 0.02
 """Largest less least light, over its mean: bands below it change no color by more than 1 %."""
 OTHERS = (0.6, 1.5)
 """Frequencies, over that of the pulses, whose waves must explain the picture worse."""
-LEAST_LEAD, LEAST_STEP = 1.3, 8.0
+LEAST_LEAD, LEAST_SIGNIFICANCE = 1.3, 8.0
 """How many times the squares that another frequency explains, and the wave of all columns over the
 standard error of its groups: of 178 steady lamps of `digit`, `digit-dome` and `gelsight-flat` none
-reached both (largest step 7.2); ``tests/hw/check/test_bands.py`` counts finds."""
+reached both (largest significance 7.2); ``tests/hw/check/test_bands.py`` counts finds."""
 DIM = 0.2
 """Light of a group of columns, over that of all, below which it is left out."""
 LEAST_COUNTS = 1.0
@@ -67,9 +68,11 @@ def find_bands(
     a line time nothing is known of bands.
     """
     found: list[Bands] = []
+    if not scene.camera.line_time:
+        return found
     for name, photo, lit in _photographs(power, photos):
         for part, hertz in _pulsed_parts(scene, lit).items():
-            rows = 1e6 / (hertz * (scene.camera.line_time or np.inf))
+            rows = 1e6 / (hertz * scene.camera.line_time)
             contrast = band_contrast(photo, seen, rows)
             if contrast >= LEAST_CONTRAST:
                 found.append(Bands(name, part, hertz, contrast, rows))
@@ -103,14 +106,14 @@ def band_contrast(photo: Array, seen: NDArray[np.bool_], rows: float) -> float:
     ``photo`` ``(row, column, channel)`` is linear light in counts, ``seen`` ``(row, column)`` where
     it shows the pad.
     """
-    profiles = _profiles(photo, seen)
     shown = np.flatnonzero(seen.any(axis=1))
-    profiles = profiles[profiles.mean(axis=1) > DIM * profiles.mean()]
-    # Where pulses leave rows dark, their logarithm ends at the light that says nothing.
-    light = np.log(np.maximum(profiles[:, shown], LEAST_COUNTS))
     waves = len(shown) / rows
     if rows < LEAST_ROWS or waves < LEAST_WAVES:
         return 0.0
+    profiles = _profiles(photo, seen)
+    profiles = profiles[profiles.mean(axis=1) > DIM * profiles.mean()]
+    # Where pulses leave rows dark, their logarithm ends at the light that says nothing.
+    light = np.log(np.maximum(profiles[:, shown], LEAST_COUNTS))
     turns = (shown - shown[0]) / rows
     place = np.linspace(-1.0, 1.0, len(shown))
     # Polynomials of a degree that is 1.5 times the number of waves bend less often than these.
@@ -118,7 +121,7 @@ def band_contrast(photo: Array, seen: NDArray[np.bool_], rows: float) -> float:
     light = light - light @ slow @ slow.T
     own, *others = (_Wave.in_light(light, turns * factor, slow) for factor in (1.0, *OTHERS))
     leads = own.explained >= LEAST_LEAD * max(other.explained for other in others)
-    return 2.0 * own.amplitude if leads and own.step >= LEAST_STEP else 0.0
+    return 2.0 * own.amplitude if leads and own.significance >= LEAST_SIGNIFICANCE else 0.0
 
 
 def _profiles(photo: Array, seen: NDArray[np.bool_]) -> Array:
@@ -138,13 +141,13 @@ def _profiles(photo: Array, seen: NDArray[np.bool_]) -> Array:
 class _Wave:
     """A wave along the rows, the same in all columns.
 
-    ``explained`` is its part of the squares of the light, ``step`` its amplitude over the standard
-    error of what groups of columns say of it.
+    ``explained`` is its part of the squares of the light, ``significance`` its amplitude over the
+    standard error of what groups of columns say of it.
     """
 
     explained: float
     amplitude: float
-    step: float
+    significance: float
 
     @classmethod
     def in_light(cls, light: Array, turns: Array, slow: Array) -> _Wave:

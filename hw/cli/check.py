@@ -91,7 +91,8 @@ def run(
         if capture is not None:
             seen = photographs.seen(scene, capture)
         else:
-            seen = live(scene, lighting, camera or 0, wiring, photographs.lens, FRAMES)
+            assert camera is not None
+            seen = live(scene, lighting, camera, wiring, photographs.lens, FRAMES)
         began = time.perf_counter()
         commissioned = known_rig.commissioned
         if commissioned is not None and not seen.alone:
@@ -194,9 +195,10 @@ def _write(
 
 def bands_sentence(bands: Sequence[Bands], exposure_time: float | None) -> str:
     """Return what is said of ``bands`` at an exposure of so many ms, the largest ones by number."""
+    from optimize.mounting import whole_periods
+
     worst = max(bands, key=lambda one: one.contrast)
-    periods = (exposure_time or 0.0) * 1e-3 * worst.hertz
-    steady = max(round(periods), 1) / worst.hertz * 1e3
+    steady = whole_periods(exposure_time or 0.0, worst.hertz)
     return (
         f"{counted(len(bands), 'photograph')} with bands, as {worst.part} makes them where it dims "
         f"by pulses of {worst.hertz:g} Hz: {worst.photograph} differs by {worst.contrast:.0%} "

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from hw.camera.photo_set import FULL_SCALE
 from hw.camera.projection import remapped, rotation
 from hw.emulator.emulated_board import EmulatedBoard
-from optimize.design import pulse_rates
-from optimize.mounting import leds_per_fiber, pulsed_light
+from optimize.mounting import leds_per_fiber, pulse_rates, pulsed_light
 from render.arrays import Array
 from render.geometry import lens_directions, lens_positions
 from render.scene import RGB

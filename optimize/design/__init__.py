@@ -32,7 +32,6 @@ from optimize.design.part_limits import (
     currents,
     part_entries,
     prices,
-    pulse_rates,
     searched_parts,
 )
 from optimize.design.rating import (

@@ -21,12 +21,6 @@ def part_entries(scene: Scene) -> tuple[LedEntry | None, ...]:
     return entries_in(scene.palette.one_shot, scene.parts or ())
 
 
-def pulse_rates(scene: Scene) -> Array:
-    """Return the frequency (Hz) at which every LED of a scene dims, ``(LED,)``; 0: by current."""
-    entries = part_entries(scene)
-    return np.array([0.0 if one is None else one.led.pwm_hz or 0.0 for one in entries])
-
-
 def searched_parts(scene: Scene) -> tuple[str, ...]:
     """Return the LEDs that are parts of the scene's search; none where it lists none of them."""
     if scene.search is None:

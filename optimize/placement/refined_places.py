@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,8 +37,8 @@ AROUND = 0.5, 0.25
 """Parts of a pitch by which traced light may move a place further."""
 Body = tuple[float, object]
 """Diameter and profile, by which parts on one place are told apart."""
-Key = tuple[tuple[float, ...], Body | None]
-"""Place and beam of a lamp, and its body where lamps are parts."""
+Key = tuple[tuple[float, ...], Body | None, int]
+"""Place and beam of a lamp, its body where lamps are parts, and how many are there after it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ def refined_places(
     finer = _drawn(scene, searched, list(every.values()))
     return RefinedPlaces(
         finer,
-        _moved_design(design, searched, finer, now),
+        _moved_design(design, _numbers(searched), _numbers(finer), now),
         abs(before),
         abs(after),
         tuple(moved),
@@ -139,12 +140,18 @@ def _place(lamp: PlacedLamp | CandidateLamp) -> tuple[float, ...]:
 
 
 def _numbers(scene: Scene) -> dict[Key, int]:
-    """Return the number of each lamp by its place, and by its body where lamps are parts."""
+    """Return the number of each lamp by its place, and by its body where lamps are parts.
+
+    Of lamps at one place, as dies of an LED are, the last counts as 0, the one before as 1.
+    """
     parts = bool(scene.search and scene.search.parts)
-    return {
-        (_place(lamp), _body(lamp) if parts else None): number
-        for number, lamp in enumerate(scene.placed_lamps())
-    }
+    found: dict[Key, int] = {}
+    later: Counter[tuple[object, ...]] = Counter()
+    for number, lamp in reversed(list(enumerate(scene.placed_lamps()))):
+        place, body = _place(lamp), _body(lamp) if parts else None
+        found[place, body, later[place, body]] = number
+        later[place, body] += 1
+    return found
 
 
 def _body(lamp: PlacedLamp) -> Body:
@@ -169,14 +176,15 @@ class _Lit:
 
     def keys(self, lamps: Sequence[CandidateLamp]) -> list[Key]:
         """Return the names of its lamps at other places."""
-        return [(_place(one), body) for one, body in zip(lamps, self.bodies, strict=True)]
+        return [(_place(one), body, 0) for one, body in zip(lamps, self.bodies, strict=True)]
 
 
-def _moved_design(design: Design, searched: Scene, drawn: Scene, lit: Sequence[_Lit]) -> Design:
-    """Return a ``design`` of the searched scene on a ``drawn`` one, its ``lit`` lamps moved."""
-    old, new = _numbers(searched), _numbers(drawn)
+def _moved_design(
+    design: Design, old: Mapping[Key, int], new: Mapping[Key, int], lit: Sequence[_Lit]
+) -> Design:
+    """Return a ``design`` of lamps with ``old`` numbers on ``new`` ones, ``lit`` ones moved."""
     moved = {lamp for one in lit for lamp in one.members}
-    phi = np.full(drawn.lamp_count, math.pi / 2)
+    phi = np.full(len(new), math.pi / 2)
     drive = np.zeros((len(phi), design.drive.shape[1]))
     pairs = [(number, new[key]) for key, number in old.items()
              if key in new and number not in moved]  # fmt: skip
@@ -231,23 +239,23 @@ class _Round:
         part: float,
     ) -> None:
         """Draw the preview of the lamps that are ``lit`` and of places a ``part`` away."""
-        self.searched, self.design, self.lit = searched, design, list(lit)
+        self.design, self.lit, self.old = design, list(lit), _numbers(searched)
         choices = [[one.lamps, *_around(scene, one, part)] for one in lit]
         # Two that are lit may have a place next to both.
         places = {_place(one): one for each in choices for pair in each for one in pair}
         lamps = list(places.values())
-        self.drawn = _drawn(scene, searched, lamps, scene.lamp_count + len(lamps))
-        known = _numbers(self.drawn)
+        drawn = _drawn(scene, searched, lamps, scene.lamp_count + len(lamps))
+        self.new = _numbers(drawn)
         # A part may not fit on every place next to its own.
         self.choices = [
-            [pair for pair in each if all(key in known for key in one.keys(pair))]
+            [pair for pair in each if all(key in self.new for key in one.keys(pair))]
             for one, each in zip(lit, choices, strict=True)
         ]
-        self.limits = limits_of(self.drawn)
-        scorer = TableScorer(search_table(scene_model(self.drawn, coarse=True)), limits=self.limits)
+        self.limits = limits_of(drawn)
+        scorer = TableScorer(search_table(scene_model(drawn, coarse=True)), limits=self.limits)
         self.goal: Objective = NominalScore(scorer)
         if objective != "score":
-            self.goal = ReaderObjective(scorer, self.drawn, objective, CameraModel.of(self.drawn))
+            self.goal = ReaderObjective(scorer, drawn, objective, CameraModel.of(drawn))
 
     def climb(self) -> tuple[float, float]:
         """Move one place at a time, the best first; return the objective before and after.
@@ -260,16 +268,16 @@ class _Round:
         while moved:
             for at_once in (1, 2):
                 moves = self._moves(taken, at_once)
-                values = self.goal.values([self._design(move) for move in moves])
+                values = self.goal.values([design for _, design in moves])
                 moved = len(values) > 0 and values.max() > best + LEAST_GAIN * abs(best)
                 if moved:
-                    taken, best = moves[int(values.argmax())], float(values.max())
+                    (taken, _), best = moves[int(values.argmax())], float(values.max())
                     break
         self.lit = self._moved(taken)
         return first, best
 
-    def _moves(self, taken: Sequence[int], at_once: int) -> list[list[int]]:
-        """Return the choices in which so many places moved; none where those are too many."""
+    def _moves(self, taken: Sequence[int], at_once: int) -> list[tuple[list[int], Design]]:
+        """Return choices in which so many places moved, and designs; none where too many."""
         others = [[i for i in range(len(choices)) if i != now]
                   for choices, now in zip(self.choices, taken, strict=True)]  # fmt: skip
         sets = list(itertools.combinations(range(len(taken)), at_once))
@@ -284,9 +292,10 @@ class _Round:
                 keys = [key for one in self._moved(moved) for key in one.keys(one.lamps)]
                 if len({*keys}) == len(keys):
                     found.append(moved)
-        designs = [self._design(moved).colors for moved in found]
-        fits = self.limits.fits(np.array(designs)) if found else ()
-        return [moved for moved, keeps in zip(found, fits, strict=True) if keeps]
+        designs = [self._design(moved) for moved in found]
+        fits = self.limits.fits(np.array([one.colors for one in designs])) if found else ()
+        moves = zip(found, designs, fits, strict=True)
+        return [(moved, design) for moved, design, keeps in moves if keeps]
 
     def _moved(self, taken: Sequence[int]) -> list[_Lit]:
         chosen = zip(self.lit, self.choices, taken, strict=True)
@@ -294,7 +303,7 @@ class _Round:
 
     def _design(self, taken: Sequence[int]) -> Design:
         """Return the design that lights one choice of every place."""
-        return _moved_design(self.design, self.searched, self.drawn, self._moved(taken))
+        return _moved_design(self.design, self.old, self.new, self._moved(taken))
 
 
 def _around(scene: Scene, lit: _Lit, part: float) -> list[tuple[CandidateLamp, ...]]:

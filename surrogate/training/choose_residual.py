@@ -13,13 +13,14 @@ from torch import nn
 from render.arrays import Array
 from render.levels import NETWORK, RIDGE
 from render.progress import Clock, OnProgress, in_stage
+from render.steady_sums import steady_sums
 from surrogate.model.networks import RidgeEnsemble
 from surrogate.runtime.metadata import NONE
 from surrogate.training.dataset import RegressionData
 from surrogate.training.evaluation import HeldOutErrors
 from surrogate.training.fit_task import FitTask
 from surrogate.training.halves import borne_out, mean_gains
-from surrogate.training.mlp import NetworkConfig, fit_networks, one_thread
+from surrogate.training.mlp import NetworkConfig, fit_networks
 from surrogate.training.ridge import fit_ridge
 
 
@@ -38,7 +39,7 @@ class Ensembles:
     kind: str | None = None
 
 
-@one_thread()
+@steady_sums()
 def fit_ensembles(task: FitTask, progress: OnProgress | None) -> Ensembles:
     """Return what is fitted to all cells, by halves of the light paths where those are known."""
     return (_by_folds if task.rows.half_difference is None else _by_halves)(task, progress)

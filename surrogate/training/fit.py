@@ -16,6 +16,7 @@ from torch import nn
 from render.arrays import Array
 from render.levels import NETWORK, PREVIEW, RIDGE
 from render.progress import OnProgress
+from render.steady_sums import steady_sums
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.networks import NoResidual
 from surrogate.runtime.metadata import NOISE, NONE
@@ -32,7 +33,6 @@ from surrogate.training.conformal import (
 )
 from surrogate.training.evaluation import HeldOutErrors, HeldOutEvaluation
 from surrogate.training.fit_task import FitTask, Split, out_of_fold
-from surrogate.training.mlp import one_thread
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Fit:
     by_paths: bool = False
 
 
-@one_thread()
+@steady_sums()
 def fit_residual(task: FitTask, progress: OnProgress | None) -> Fit:
     """Return the residual of ``task`` and all that is known about its errors."""
     cells, rows, evaluation = task.cells, task.rows, task.overall

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +12,7 @@ from torch import Tensor
 
 from render.finished_parts import NOTHING_KEPT, FinishedParts
 from render.progress import Clock, OnProgress
+from render.steady_sums import steady_sums
 from surrogate.model.facet_basis import SIZE
 from surrogate.model.features import FEATURE_NAMES
 from surrogate.model.networks import NetworkEnsemble
@@ -149,24 +148,13 @@ def seconds_per_step(directions: int, normals: int, members: int, config: Networ
     )
     fold = np.arange(rows).reshape(shape) % members
     spent = []
-    with one_thread():
+    with steady_sums():
         # The first fit of a process takes seconds longer than any other.
         for steps in (1, 1, TRIAL_STEPS):
             began = time.monotonic()
             fit_networks(data, fold, members, replace(config, steps=steps), 0)
             spent.append(time.monotonic() - began)
     return max(spent[2] - spent[1], 1e-4) / (TRIAL_STEPS - 1)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Hold torch to one thread: for small products, threads that wait cost time."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def deviance(ratio: Tensor, residual: Tensor) -> Tensor:

@@ -14,7 +14,8 @@ from render.cells.mirror_images import MirrorImages
 from render.optics.pad_scene import pad_scene
 from render.pad import plane_faces
 from render.paths.vertex import Vertex, empty_vertex
-from render.scene import FACES, Scene
+from render.scene import Scene
+from tests.oracles.analog_tracer import fresnel
 from tests.oracles.pads import scene_of_case
 
 
@@ -98,29 +99,22 @@ def test_images_are_drawn_with_the_probability_that_is_stated(
     assert total == pytest.approx(1.0, rel=1e-5)
 
 
+def reflectance(scene: Scene, face: str | None, cosine: float) -> float:
+    """Return what a mirror reflects in the pad, 1 for none (Fresnel, both polarizations)."""
+    if face is None:
+        return 1.0
+    metal = scene.finish(face).metal
+    if metal is not None:
+        return metal
+    return fresnel(abs(cosine), 1.0 / scene.pad.index)[0]
+
+
 @pytest.mark.parametrize("case", ["smooth", "mirror walls"])
 def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
     mono: ModuleType, case: str
 ) -> None:
     scene, count = scene_of_case(case), 1 << 14
     values = connected(mono, scene, images_of(scene), count)
-    metal = {face: scene.finish(face).metal for face in FACES}
-
-    def fresnel(cosine: float) -> float:
-        squared = 1 - scene.pad.index**2 * (1 - cosine**2)
-        if squared <= 0:
-            return 1.0
-        out, n = np.sqrt(squared), scene.pad.index
-        s = (n * cosine - out) / (n * cosine + out)
-        p = (cosine - n * out) / (cosine + n * out)
-        return float((s**2 + p**2) / 2)
-
-    def reflectance(face: str | None, cosine: float) -> float:
-        if face is None:
-            return 1.0
-        reflected = metal[face]
-        return fresnel(abs(cosine)) if reflected is None else reflected
-
     # Every image that the box has, in closed form; both cosines are that to the normal, z.
     total = 0.0
     width, length = scene.pad.width, scene.pad.length
@@ -129,8 +123,8 @@ def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
             # Without the lower face the way would lie in the coating.
             span = np.array([x, along, -Y[2]]) - A
             d = span / np.linalg.norm(span)
-            reflected = reflectance("lower", d[2]) * reflectance(side, d[0])
-            reflected *= reflectance(end, d[1])
+            reflected = reflectance(scene, "lower", d[2]) * reflectance(scene, side, d[0])
+            reflected *= reflectance(scene, end, d[1])
             total += (0.5 / np.pi) ** 2 * d[2] ** 2 * reflected / (span @ span)
     error = values.std() / np.sqrt(count)
     assert error < 0.02 * total

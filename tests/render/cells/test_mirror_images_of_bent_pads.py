@@ -17,7 +17,7 @@ from render.pad import plane_faces
 from render.paths.vertex import Vertex, empty_vertex
 from render.scene import Scene
 from tests.oracles.pads import CASES, painted, scene_of_case
-from tests.render.cells.test_mirror_images import straight_to_the_glow
+from tests.render.cells.test_mirror_images import reflectance, straight_to_the_glow
 
 BEND = np.pi / 4
 SCENE = scene_of_case("smooth bent 45")
@@ -108,21 +108,6 @@ def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
     found = images.connect(pad, y, a, number, dr.full(mono.Bool, True, count), guiding)
     values = np.array(found, dtype=np.float64).ravel()
 
-    def fresnel(cosine: float) -> float:
-        squared = 1 - PAD.index**2 * (1 - cosine**2)
-        if squared <= 0:
-            return 1.0
-        out, n = np.sqrt(squared), PAD.index
-        s = (n * cosine - out) / (n * cosine + out)
-        p = (cosine - n * out) / (cosine + n * out)
-        return float((s**2 + p**2) / 2)
-
-    def reflectance(face: str | None, cosine: float) -> float:
-        if face is None:
-            return 1.0
-        finish = scene.finish(face)
-        return fresnel(abs(cosine)) if finish.metal is None else finish.metal
-
     # Every strip and both ends by Fermat: the shortest of many ways over points of the segment,
     # which is a reflection where it is not an end of it.
     lines = pad_grid(SCENE, BEND, False).y
@@ -151,8 +136,8 @@ def test_light_over_one_image_is_the_mirrors_part_of_the_inverse_square_law(
             leave, arrive = leave / distance, arrive / distance
             normal = np.array([end[1] - begin[1], begin[0] - end[0]])
             normal /= np.hypot(*normal)
-            reflected = reflectance(name, leave[1:] @ normal)
-            reflected *= reflectance(side, across / distance)
+            reflected = reflectance(scene, name, leave[1:] @ normal)
+            reflected *= reflectance(scene, side, across / distance)
             cosines = max(leave @ n_a, 0.0) * max(arrive @ n_y, 0.0)
             total += (0.5 / np.pi) ** 2 * cosines * reflected / distance**2
     error = values.std() / np.sqrt(count)
