@@ -65,6 +65,19 @@ def test_neighbors_that_share_a_place_between_them_both_stay_lit(tmp_path: Path)
     assert abs(places[0] - places[1]) > 1.0
 
 
+def test_two_dies_of_a_scene_at_one_place_keep_their_lights(tmp_path: Path) -> None:
+    between = f"between = {quantity([0.0, 6.0])}"
+    text = digit_with(tmp_path, "lamps = 2", BASE, between) and (tmp_path / "mine.toml").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("[7.4, -13.2", "[-7.4, -13.2"))
+    scene = load_scene(tmp_path / "mine.toml").with_(sites_columns=2, sites_rows=2)
+    design = lit(scene, {1: 0})
+    design.drive[1, 2] = 1.0  # the first of the two dies, blue
+    found = refined_places(scene, searched_scene(scene), design, "score", traced=True)
+    assert found is not None
+    assert found.design.colors[: scene.lamp_count].tolist() == [-1, 2, -1]
+    assert np.flatnonzero(found.design.colors == 0).size == 1
+
+
 @pytest.mark.slow
 def test_two_colors_end_mirrored_where_a_scan_has_them(tmp_path: Path) -> None:
     scene = digit_with(tmp_path, "lamps = 2", BASE, f"between = {quantity([-6.0, 6.0])}")
